@@ -67,21 +67,21 @@ def main() -> None:
     given.work.mkdir(parents=True, exist_ok=True)
     for part in given.part or PARTS:
         for arch in given.arch or _ALONE.get(part, ARCHITECTURES):
-            told = PARTS[part](given.work, arch)
-            _keep(part, arch, told)
-            print(part, arch, json.dumps(told), flush=True)
+            result = PARTS[part](given.work, arch)
+            _keep(part, arch, result)
+            print(part, arch, json.dumps(result), flush=True)
 
 
-def _keep(part: str, arch: str, told: dict[str, Any]) -> None:
+def _keep(part: str, arch: str, result: dict[str, Any]) -> None:
     """One result into the record, which states the days and commits of all its parts."""
     known: dict[str, Any] = {"parts": {}, "stamps": {}}
     if RECORD.exists():
         known = json.loads(RECORD.read_text(encoding="utf-8"))
-    known["parts"].setdefault(part, {})[arch] = told
+    known["parts"].setdefault(part, {})[arch] = result
     known.setdefault("stamps", {})[part] = {"measured": records.today(), "commit": records.COMMIT}
     stamps = known["stamps"].values()
     joined = {
-        key: ", ".join(sorted({one[key] for one in stamps})) for key in ("measured", "commit")
+        key: ", ".join(sorted({stamp[key] for stamp in stamps})) for key in ("measured", "commit")
     }
     tools = {"compiler": version_of(host_compiler()), "clock_hz": CLOCK_HZ}
     records.write(RECORD, joined | tools | {"parts": known["parts"], "stamps": known["stamps"]})
@@ -113,12 +113,12 @@ def reference_c(work: Path, arch: str, kind: str) -> Path:
 def sizes(work: Path, arch: str) -> dict[str, Any]:
     """Flash, RAM, instructions and estimated cycles on a Cortex-M4F; parity on every board."""
     require_tools()
-    told = {}
+    by_kind = {}
     for kind in KINDS:
         folder = read_c_folder(reference_c(work, arch, kind))
         found = taken(folder, CORTEX_M4F)
         executed, cycles = cycles_of_a_step(folder)
-        told[kind] = {
+        by_kind[kind] = {
             "instructions": found.instructions,
             "executed_in_trace": executed,
             "cycles": cycles,
@@ -132,7 +132,7 @@ def sizes(work: Path, arch: str) -> dict[str, Any]:
             "parity_here": max(p.max_rel for p in folder.document.proofs),
             "limit": folder.document.limit,
         }
-    return told
+    return by_kind
 
 
 def host(work: Path, arch: str) -> dict[str, Any]:
@@ -207,7 +207,7 @@ def _rounding_on(work: Path, arch: str, domain: str) -> dict[str, Any]:
     package = read_package(the_package(work, arch, domain))
     force = package.manifest.force
     predictor = run.predictor.eval()
-    told: dict[str, Any] = {}
+    by_kind: dict[str, Any] = {}
     for kind in ("float16", "int8"):
         with tempfile.TemporaryDirectory() as place:
             wish = Wish(kind, tolerance=10.0)
@@ -219,14 +219,14 @@ def _rounding_on(work: Path, arch: str, domain: str) -> dict[str, Any]:
         document = made.document
         assert document.rounding is not None
         assert document.rounding.worse is not None
-        told[kind] = {
+        by_kind[kind] = {
             "worse": document.rounding.worse,
             "rmse": document.rounding.rmse,
             "float_rmse": document.rounding.float_rmse,
             "rel_rms": document.rounding.rel_rms,
             "parity": max(p.max_rel for p in document.proofs),
         }
-    return told
+    return by_kind
 
 
 def the_set(work: Path, domain: str) -> Path:
@@ -293,7 +293,7 @@ def paced(work: Path, arch: str) -> dict[str, Any]:
 
     paths = (reference_package(work, arch), reference_c(work, arch, "float32"))
     rows = bench_latency(paths, ticks=_TICKS)
-    return {name: _told(row) for name, row in zip(("onnxruntime", "c"), rows, strict=True)}
+    return {name: _timings(row) for name, row in zip(("onnxruntime", "c"), rows, strict=True)}
 
 
 def tick(work: Path, arch: str) -> dict[str, Any]:
@@ -301,10 +301,10 @@ def tick(work: Path, arch: str) -> dict[str, Any]:
     from runtime.bench import bench_latency
 
     (row,) = bench_latency([reference_c(work, arch, "float32")], ticks=_LONG_TICKS, realtime=True)
-    return _told(row) | {"p999_ms": row.p999_ms, "stages_ms": row.stages_ms}
+    return _timings(row) | {"p999_ms": row.p999_ms, "stages_ms": row.stages_ms}
 
 
-def _told(row: "BenchRow") -> dict[str, Any]:
+def _timings(row: "BenchRow") -> dict[str, Any]:
     return {
         "predict_ms": row.stages_ms["t_predict_s"],
         "p50_ms": row.p50_ms,
@@ -318,13 +318,13 @@ def _told(row: "BenchRow") -> dict[str, Any]:
 
 def avr(work: Path, arch: str) -> dict[str, Any]:
     """What fits two AVRs, and how long a step takes there: the reference shape, and a small one."""
-    told: dict[str, Any] = {"small": {"hyper": SMALL[arch]}}
+    by_kind: dict[str, Any] = {"small": {"hyper": SMALL[arch]}}
     for kind in ("float32", "int8"):
         folder = read_c_folder(reference_c(work, arch, kind))
-        told[kind] = {mcu.name: _on_avr(folder, mcu) for mcu in MCUS}
+        by_kind[kind] = {mcu.name: _on_avr(folder, mcu) for mcu in MCUS}
     small = read_c_folder(_small_c(work, arch))
-    told["small"] |= {mcu.name: _on_avr(small, mcu) for mcu in MCUS}
-    return told
+    by_kind["small"] |= {mcu.name: _on_avr(small, mcu) for mcu in MCUS}
+    return by_kind
 
 
 def _on_avr(folder: CFolder, mcu: Mcu) -> dict[str, Any]:

@@ -62,10 +62,16 @@ def measured(seconds: float, turns: int) -> dict[str, object]:
             began = time.perf_counter()
             job()
             speeds[name].append(recorded_s / (time.perf_counter() - began))
-    told = {
-        name: {"median": float(np.median(own)), "worst": min(own)} for name, own in speeds.items()
+    times_real_time = {
+        name: {"median": float(np.median(turn_speeds)), "worst": min(turn_speeds)}
+        for name, turn_speeds in speeds.items()
     }
-    return {"episodes": EPISODES, "seconds": seconds, "turns": turns, "times_real_time": told}
+    return {
+        "episodes": EPISODES,
+        "seconds": seconds,
+        "turns": turns,
+        "times_real_time": times_real_time,
+    }
 
 
 def _closed_loop(arch: str, seconds: float) -> Callable[[], object]:

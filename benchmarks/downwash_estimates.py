@@ -59,8 +59,8 @@ def main() -> None:
         value = getattr(World(), name)
         jobs += [(f"{name} × {f:.2f}", World(**{name: f * value})) for f in FACTORS]
     jobs += [(name, World(grid=grid)) for name, grid in GRIDS.items()]
-    told = parallel_map(measured, jobs, fresh=True)
-    by_name = dict(zip([job[0] for job in jobs], told, strict=True))
+    measurements = parallel_map(measured, jobs, fresh=True)
+    by_name = dict(zip([job[0] for job in jobs], measurements, strict=True))
     print(page(by_name))
     if options.json:
         records.write(options.json, by_name)
@@ -93,10 +93,10 @@ def measured(job: tuple[str, World]) -> dict[str, float]:
     return result
 
 
-def page(told: dict[str, dict[str, float]]) -> str:
+def page(by_name: dict[str, dict[str, float]]) -> str:
     """The estimates, why they are so, and how the findings move with each."""
     plain, memory = MODELS
-    first = told["as chosen"]
+    first = by_name["as chosen"]
     lines = [
         "# The constants of the 2D downwash simulator that the paper leaves open",
         "",
@@ -124,14 +124,14 @@ def page(told: dict[str, dict[str, float]]) -> str:
         f"| {memory} [mm] |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for name, one in told.items():
+    for name, variant in by_name.items():
         lines.append(
-            f"| {name} | {one[f'{plain} share']:.2f} | {one[f'{memory} share']:.2f} "
-            f"| {one['no compensation mm']:.1f} | {one['oracle mm']:.1f} "
-            f"| {one[f'{plain} mm']:.1f} | {one[f'{memory} mm']:.1f} |"
+            f"| {name} | {variant[f'{plain} share']:.2f} | {variant[f'{memory} share']:.2f} "
+            f"| {variant['no compensation mm']:.1f} | {variant['oracle mm']:.1f} "
+            f"| {variant[f'{plain} mm']:.1f} | {variant[f'{memory} mm']:.1f} |"
         )
-    ratios = [one[f"{plain} share"] / one[f"{memory} share"] for one in told.values()]
-    gains, others = ([100 * one[f"{m} gain"] for one in told.values()] for m in (memory, plain))
+    ratios = [row[f"{plain} share"] / row[f"{memory} share"] for row in by_name.values()]
+    gains, others = ([100 * row[f"{m} gain"] for row in by_name.values()] for m in (memory, plain))
     lines += [
         "",
         f"The error without memory is {min(ratios):.1f} to {max(ratios):.1f} times the error with "

@@ -51,29 +51,29 @@ def main() -> None:
     options = _options()
     package = options.package or trained(WORK)
     work = healthy_flights if options.healthy else blind_descents if options.blind else campaign
-    for told in work(options, package):
+    for result in work(options, package):
         if options.json:
-            records.write(options.json, told)
+            records.write(options.json, result)
 
 
 def campaign(options: argparse.Namespace, package: Path) -> Iterator[dict[str, Any]]:
     """Every chosen fault in every phase, on the exact plant, then perhaps on others."""
     chosen = _chosen(options.only, options.group)
     when = moments(list(PHASES)[: options.phases])
-    told: dict[str, Any] = {
+    result: dict[str, Any] = {
         "seconds": SECONDS,
         "rest_s": REST_S,
-        "phases": [one.phase for one in when],
-        "seeds": [one.seed for one in when],
+        "phases": [moment.phase for moment in when],
+        "seeds": [moment.seed for moment in when],
         "unsafe_flights": table.COLUMNS,
     }
     for name in ("exact", "mismatched") if options.mismatch else ("exact",):
         jobs = bundles(chosen, when, package, is_mismatched=name == "mismatched")
-        flights = [one for bundle in each(fly_all, jobs, options.workers) for one in bundle]
+        flights = [flight for bundle in each(fly_all, jobs, options.workers) for flight in bundle]
         rows = table.by_fault(flights)
         print(f"\n{name} plant\n{table.printed(rows)}")
-        told[name] = {"faults": rows, "unsafe_flights": table.unsafe_rows(flights)}
-        yield told
+        result[name] = {"faults": rows, "unsafe_flights": table.unsafe_rows(flights)}
+        yield result
 
 
 def healthy_flights(options: argparse.Namespace, package: Path) -> Iterator[dict[str, Any]]:
@@ -119,8 +119,8 @@ def each(work: Callable[[Job], Done], jobs: Sequence[Job], workers: int) -> list
     done: list[Done] = []
     began_s = told_s = time.monotonic()
     with processes(workers) as mapped:
-        for one in mapped(work, jobs):
-            done.append(one)
+        for result in mapped(work, jobs):
+            done.append(result)
             if (now_s := time.monotonic()) > told_s + LINE_EVERY_S or len(done) == len(jobs):
                 told_s = now_s
                 print(f"{len(done)} of {len(jobs)}, {now_s - began_s:.0f} s", file=sys.stderr)

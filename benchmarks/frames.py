@@ -31,20 +31,20 @@ def tried(count: int, seed: int) -> dict[str, Any]:
     )
     if ended.returncode != 0:
         raise UnusableInput(f"{count} frames with seed {seed}: {ended.stderr.strip()}")
-    told: dict[str, Any] = json.loads(ended.stdout)
-    return {"seed": seed, "seconds": time.monotonic() - began_s} | told
+    counts: dict[str, Any] = json.loads(ended.stdout)
+    return {"seed": seed, "seconds": time.monotonic() - began_s} | counts
 
 
 def main() -> None:
     """Compile, send, print, write."""
     options = _options()
     try:
-        told = tried(options.count, options.seed)
+        result = tried(options.count, options.seed)
     except UnusableInput as error:
         sys.exit(str(error))
-    print(json.dumps(told, indent=1))
+    print(json.dumps(result, indent=1))
     if options.json:
-        records.write(options.json, told)
+        records.write(options.json, result)
 
 
 def _options() -> argparse.Namespace:

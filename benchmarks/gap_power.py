@@ -46,17 +46,17 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     for instant in (False, True):
         rows += compared([c for c in cases if c.instant is instant], lines)
-    told = {"all": summary(rows)}
+    result = {"all": summary(rows)}
     for low, high in itertools.pairwise(STRENGTHS):
-        told[f"{low:g} to {high:g} nats"] = summary(within(rows, "judged_nats", low, high))
+        result[f"{low:g} to {high:g} nats"] = summary(within(rows, "judged_nats", low, high))
     for low, high in itertools.pairwise(PROMISED):
-        told[f"promised {low:g} to {min(high, 1.0):g}"] = summary(
+        result[f"promised {low:g} to {min(high, 1.0):g}"] = summary(
             within(rows, "predicted_named", low, high)
         )
-    told["cases"] = rows
+    result["cases"] = rows
     if options.json:
-        records.write(options.json, told)
-    print(json.dumps({k: v for k, v in told.items() if k != "cases"}, indent=1))
+        records.write(options.json, result)
+    print(json.dumps({k: v for k, v in result.items() if k != "cases"}, indent=1))
 
 
 def _options() -> argparse.Namespace:

@@ -20,12 +20,12 @@ SETS = {"default": 20, "without spool": 10}
 def main() -> None:
     """Simulate, and write the file."""
     rigs = {"default": default_rig(), "without spool": default_rig().without("spool")}
-    told = {}
+    by_rig = {}
     for name, rig in rigs.items():
         null = threshold.simulate(rig, sets=SETS[name], progress=_tell(name))
-        told[rig.sha256] = {"rig": name, "sets": len(null), **asdict(threshold.quantiles(null))}
+        by_rig[rig.sha256] = {"rig": name, "sets": len(null), **asdict(threshold.quantiles(null))}
     path = Path(threshold.__file__).with_name("thresholds.json")
-    shipped = {"version": threshold.VERSION, "rigs": told}
+    shipped = {"version": threshold.VERSION, "rigs": by_rig}
     write_text_whole(path, json.dumps(shipped, indent=1) + "\n")
 
 

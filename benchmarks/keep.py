@@ -32,10 +32,10 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
     for kind in KINDS:
-        one = kinds.add_parser(kind)
-        one.add_argument("source", type=Path)
+        subparser = kinds.add_parser(kind)
+        subparser.add_argument("source", type=Path)
         if kind == "table":
-            one.add_argument("name", help="the record's name")
+            subparser.add_argument("name", help="the record's name")
     return parser.parse_args()
 
 
@@ -68,7 +68,7 @@ def gap_demo(source: Path) -> None:
 def gap_domain(source: Path) -> None:
     """A domain's result without what only its page draws, recordings among it."""
     result = _read(source / "domain.json")
-    for part in (result, *(one for one in result.values() if isinstance(one, dict))):
+    for part in (result, *(nested for nested in result.values() if isinstance(nested, dict))):
         for name in ("shown", "where"):
             part.pop(name, None)
     _write(f"gap-domain-{result['domain']}", source / "domain.json", result)

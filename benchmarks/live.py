@@ -72,9 +72,9 @@ def _options() -> argparse.Namespace:
 
 def _pair(number: int, options: argparse.Namespace) -> dict[str, Any]:
     order = (0, PAGES) if number % 2 == 0 else (PAGES, 0)
-    told = {f"{pages}": _flown(pages, number, options) for pages in order}
-    print(f"pair {number + 1} of {options.pairs}: {told}", file=sys.stderr, flush=True)
-    return told
+    by_pages = {f"{pages}": _flown(pages, number, options) for pages in order}
+    print(f"pair {number + 1} of {options.pairs}: {by_pages}", file=sys.stderr, flush=True)
+    return by_pages
 
 
 def _flown(pages: int, seed: int, options: argparse.Namespace) -> dict[str, Any]:
@@ -121,7 +121,7 @@ def _read_by(pages: int) -> Iterator[LiveFeed]:
 
 
 def _read(url: str, pages: int, ready: Any) -> None:
-    async def one() -> Any:
+    async def open_page() -> Any:
         parts = urlsplit(url)
         headers = {"Origin": f"http://{parts.netloc}"}
         request = tornado.httpclient.HTTPRequest(f"ws://{parts.netloc}/live", headers=headers)
@@ -130,7 +130,7 @@ def _read(url: str, pages: int, ready: Any) -> None:
         return opened
 
     async def all_of_them() -> None:
-        opened = await asyncio.gather(*(one() for _ in range(pages)))
+        opened = await asyncio.gather(*(open_page() for _ in range(pages)))
         ready.set()
         await asyncio.gather(*(_until_closed(page) for page in opened))
 

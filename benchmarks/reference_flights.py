@@ -46,29 +46,33 @@ FORM = Case(4103, "bent", 0.028)
 def spread_set(seed: int) -> dict[str, Any]:
     """One set of known spreads: what was flown, and what was learned of it."""
     rig, rng = default_rig(), np.random.default_rng([seed, 21])
-    own = {name: sd * rng.standard_normal(FLIGHTS) for name, sd in SPREADS.items()}
-    own["battery-sag"] = np.maximum(own["battery-sag"] + MEAN_SAG_PER_S, 0.0)
-    own["range.bias_m"][ODD_FLIGHT] += ODD_M
-    flights = [_flown(rig, {n: v[i] for n, v in own.items()}, seed, i) for i in range(FLIGHTS)]
+    deviations = {name: sd * rng.standard_normal(FLIGHTS) for name, sd in SPREADS.items()}
+    deviations["battery-sag"] = np.maximum(deviations["battery-sag"] + MEAN_SAG_PER_S, 0.0)
+    deviations["range.bias_m"][ODD_FLIGHT] += ODD_M
+    flights = [
+        _flown(rig, {n: v[i] for n, v in deviations.items()}, seed, i) for i in range(FLIGHTS)
+    ]
     learned = learn(rig, flights)
     return {
         "seed": seed,
         "odd": [[o.flight, o.quantity.name, o.away, o.p_value] for o in learned.odd],
-        "quantities": [_quantity(learned, i, own) for i in range(len(learned.variations))],
+        "quantities": [_quantity(learned, i, deviations) for i in range(len(learned.variations))],
         "named": list(learned.fit.hypothesis),
     }
 
 
-def _flown(rig: Rig, own: Mapping[str, float], seed: int, number: int) -> Flight:
-    truth = with_constants(rig, {"thrust.sufferer.scale": 1.0 + own["thrust.sufferer.scale"]})
+def _flown(rig: Rig, deviations: Mapping[str, float], seed: int, number: int) -> Flight:
+    truth = with_constants(
+        rig, {"thrust.sufferer.scale": 1.0 + deviations["thrust.sufferer.scale"]}
+    )
     hidden = (
         Effect(
             name="range-bias",
-            parameters={"bias_m": EffectParameter(value=own["range.bias_m"], unit="m")},
+            parameters={"bias_m": EffectParameter(value=deviations["range.bias_m"], unit="m")},
         ),
         Effect(
             name="battery-sag",
-            parameters={"sag_per_s": EffectParameter(value=own["battery-sag"], unit="1/s")},
+            parameters={"sag_per_s": EffectParameter(value=deviations["battery-sag"], unit="1/s")},
         ),
     )
     truth = truth.model_copy(update={"effect": hidden})
@@ -81,20 +85,20 @@ def _flown(rig: Rig, own: Mapping[str, float], seed: int, number: int) -> Flight
 
 
 def _quantity(
-    learned: Reference, place: int, own: Mapping[str, np.typing.NDArray[np.float64]]
+    learned: Reference, place: int, deviations: Mapping[str, np.typing.NDArray[np.float64]]
 ) -> dict[str, Any]:
     """A quantity's variation as it was and as it was found, and how its errors compare."""
-    one = learned.variations[place]
-    true = own[one.quantity.name]
+    variation = learned.variations[place]
+    true = deviations[variation.quantity.name]
     kept = list(learned.kept)
-    off = one.values - true
-    off = (off - off[kept].mean())[kept] / np.hypot(one.errors[kept], 1e-12)
+    off = variation.values - true
+    off = (off - off[kept].mean())[kept] / np.hypot(variation.errors[kept], 1e-12)
     return {
-        "quantity": one.quantity.name,
+        "quantity": variation.quantity.name,
         "true_sd": float(true[kept].std(ddof=1)),
-        "sd": one.between.sd,
-        "low": one.between.low,
-        "high": one.between.high,
+        "sd": variation.between.sd,
+        "low": variation.between.low,
+        "high": variation.between.high,
         "rms_error_in_standard_errors": float(np.sqrt(np.mean(off**2))),
     }
 
@@ -118,7 +122,7 @@ def form_judged(rig: Rig) -> dict[str, Any]:
     """Five further flights of it: how evident its form is under a rig file."""
     believed = default_rig()
     logs = [fly(FORM, believed, 100 * FORM.seed + 50 + i) for i in range(_JUDGED)]
-    flights = [flight_from_log(one.without_truth(), rig, f"{i}") for i, one in enumerate(logs)]
+    flights = [flight_from_log(log.without_truth(), rig, f"{i}") for i, log in enumerate(logs)]
     return _evident(rig, flights)
 
 
@@ -177,12 +181,12 @@ def main(out: Path, sets: int, most: int, is_kept: bool) -> None:
     """Fly, learn, and tell."""
     out.mkdir(parents=True, exist_ok=True)
     todo = parts(out, sets)
-    left = [name for name in todo if not (out / f"{name}.json").is_file()]
-    for name in left[:most]:
-        told = todo[name]()
-        write_text_whole(out / f"{name}.json", json_text(told))
-        click.echo(f"{name}: {json_text(told)}")
-    if is_kept and len(left) <= most:
+    remaining = [name for name in todo if not (out / f"{name}.json").is_file()]
+    for name in remaining[:most]:
+        result = todo[name]()
+        write_text_whole(out / f"{name}.json", json_text(result))
+        click.echo(f"{name}: {json_text(result)}")
+    if is_kept and len(remaining) <= most:
         done = {name: json.loads((out / f"{name}.json").read_text()) for name in todo}
         write(FOLDER / "reference-flights.json", done)
 

@@ -52,19 +52,24 @@ def told_of(joint: str, out: Path) -> dict[str, Any]:
     base = fitted_base(model)
     answer = named(model, base)
     document = answer_of(model, answer)
-    told = document.as_json()
+    answer_json = document.as_json()
     correction = out / f"{joint}.toml"
     write_correction(correction_of(model, answer.found), correction)
     seconds = time.process_time() - began_s
     better = type(system).corrected(correction)
     plain = fitted_servo(trained)
-    kept = {key: told[key] for key in ("verdict", "class", "effects", "unsettled", "constants")}
+    kept = {
+        key: answer_json[key] for key in ("verdict", "class", "effects", "unsettled", "constants")
+    }
     return kept | {
         "joint": joint,
         "threshold_nats": document.threshold_nats,
-        "leading": [_leading(one) for one in document.rounds[0].ranking[:_LEADING]],
+        "leading": [_leading(ranked) for ranked in document.rounds[0].ranking[:_LEADING]],
         "plain_servo": {"stiffness_per_s2": plain[0], "damping_per_s": plain[1]},
-        "replays": {one.name: _replay(one, plain, better) for one in _unseen(system, joint)},
+        "replays": {
+            recording.name: _replay(recording, plain, better)
+            for recording in _unseen(system, joint)
+        },
         "shown": _shown(system, joint, plain, better),
         "seconds": seconds,
         "samples": sum(log.outputs.shape[1] for log in model.logs),
@@ -114,43 +119,45 @@ def _shown(
     of, motion, start, stop = SHOWN
     if joint != of:
         return {}
-    one = _recording(system, joint, motion)
+    recording = _recording(system, joint, motion)
     series = {
-        "time_s": one.time_s,
-        "command": one.columns["command_rad"],
-        "measured": one.columns["angle_rad"],
-        "plain": servo(one, *plain),
-        "corrected": better.simulate(one)["angle_rad"],
+        "time_s": recording.time_s,
+        "command": recording.columns["command_rad"],
+        "measured": recording.columns["angle_rad"],
+        "plain": servo(recording, *plain),
+        "corrected": better.simulate(recording)["angle_rad"],
     }
     return {n: [round(float(v), 5) for v in values[start:stop]] for n, values in series.items()}
 
 
-def _leading(one: Ranked) -> dict[str, Any]:
-    kept = {"judged": None, "forecast": None} | one.model_dump(exclude_none=True)
+def _leading(ranked: Ranked) -> dict[str, Any]:
+    kept = {"judged": None, "forecast": None} | ranked.model_dump(exclude_none=True)
     del kept["parameters"]
     return kept
 
 
-def _begun(one: Recording) -> Recording:
+def _begun(recording: Recording) -> Recording:
     """Its first minute."""
-    columns = {name: values[:_MINUTE] for name, values in one.columns.items()}
-    return Recording(one.name, one.time_s[:_MINUTE], columns)
+    columns = {name: values[:_MINUTE] for name, values in recording.columns.items()}
+    return Recording(recording.name, recording.time_s[:_MINUTE], columns)
 
 
 def _unseen(system: System, joint: str) -> list[Recording]:
     """Motions that took no part in the search and move the joint."""
     names = sorted(p.stem for p in (recordings_folder() / "so101").glob("*.npz"))
     read = [_recording(system, joint, name) for name in names if name not in TRAINED]
-    return [one for one in read if np.std(one.columns["command_rad"]) > _STILL_RAD]
+    return [
+        recording for recording in read if np.std(recording.columns["command_rad"]) > _STILL_RAD
+    ]
 
 
 def _recording(system: System, joint: str, motion: str) -> Recording:
     units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
     columns = read_columns(EXAMPLES / f"so101_{joint}.toml")
-    (one,) = read_recordings(
+    (recording,) = read_recordings(
         [recordings_folder() / "so101" / f"{motion}.npz"], columns, units
     ).recordings
-    return Recording(motion, one.time_s, one.columns)
+    return Recording(motion, recording.time_s, recording.columns)
 
 
 @click.command()
@@ -160,17 +167,17 @@ def _recording(system: System, joint: str, motion: str) -> Recording:
 def main(out: Path, chosen: tuple[str, ...], record: Path | None) -> None:
     """Ask about each joint, print the answer, write the record once all are there."""
     out.mkdir(parents=True, exist_ok=True)
-    told: dict[str, Any] = {}
+    by_joint: dict[str, Any] = {}
     for joint in JOINTS:
         kept = out / f"{joint}-{COMMIT[:12]}.json"
         if not kept.exists() and (not chosen or joint in chosen):
             write_text_whole(kept, json_text(told_of(joint, out)))
         if kept.exists():
-            told[joint] = json_of(text_of(kept))
-            names = ", ".join(e["name"] for e in told[joint]["effects"]) or "nothing"
-            click.echo(f"{joint}: {told[joint]['verdict']}: {names}")
-    if record is not None and len(told) == len(JOINTS):
-        write(record, {"trained": TRAINED, "joints": told})
+            by_joint[joint] = json_of(text_of(kept))
+            names = ", ".join(e["name"] for e in by_joint[joint]["effects"]) or "nothing"
+            click.echo(f"{joint}: {by_joint[joint]['verdict']}: {names}")
+    if record is not None and len(by_joint) == len(JOINTS):
+        write(record, {"trained": TRAINED, "joints": by_joint})
 
 
 if __name__ == "__main__":

@@ -93,8 +93,8 @@ def soak_plan(rig: Rig, ticks: int, seed: int) -> FlightPlan:
 def soaked(ticks: int, package: Path | None, folder: Path) -> dict[str, Any]:
     """Fly until so many ticks are flown; what grew, drifted, leaked or got lost."""
     flights: list[dict[str, Any]] = []
-    while (left := ticks - sum(flight["ticks"] for flight in flights)) > 0:
-        flights.append(_flown(left, package, folder, seed=len(flights)))
+    while (remaining := ticks - sum(flight["ticks"] for flight in flights)) > 0:
+        flights.append(_flown(remaining, package, folder, seed=len(flights)))
     longest = max(flights, key=lambda flight: int(flight["ticks"]))
     return {
         "ticks": sum(flight["ticks"] for flight in flights),
@@ -132,24 +132,24 @@ def _flown(ticks: int, package: Path | None, folder: Path, seed: int) -> dict[st
 
 def read_back(log: Path) -> Logged:
     """What a log says, row by row: it may be larger than memory."""
-    told = Logged()
+    logged = Logged()
     late_s, before = [], None
     for row in _rows(log):
-        told.rows += 1
-        told.faults += bool(row["faults"])
+        logged.rows += 1
+        logged.faults += bool(row["faults"])
         late_s.append(row["t_s"] - row["tick"] * PERIOD_S)
         pulse_ms = 1e3 * (row["t_s"] - row["applied_time_s"])
-        told.oldest_pulse_ms = max(told.oldest_pulse_ms, pulse_ms)
+        logged.oldest_pulse_ms = max(logged.oldest_pulse_ms, pulse_ms)
         if before is not None:
-            told.lost += row["tick"] - before["tick"] - 1
-            told.unanswered += (row["seq_echo"] - before["seq_echo"]) % SEQUENCES != 1
+            logged.lost += row["tick"] - before["tick"] - 1
+            logged.unanswered += (row["seq_echo"] - before["seq_echo"]) % SEQUENCES != 1
         before = row
     late_us = 1e6 * (np.array(late_s) - late_s[0])
     tenth = max(len(late_us) // 10, 1)
-    told.latest_ms = float(np.ptp(late_us)) / 1e3
-    told.drift_us = float(np.mean(late_us[-tenth:]) - np.mean(late_us[:tenth]))
-    told.mb_per_h = log.stat().st_size / 1e6 / (told.rows / TICKS_PER_H)
-    return told
+    logged.latest_ms = float(np.ptp(late_us)) / 1e3
+    logged.drift_us = float(np.mean(late_us[-tenth:]) - np.mean(late_us[:tenth]))
+    logged.mb_per_h = log.stat().st_size / 1e6 / (logged.rows / TICKS_PER_H)
+    return logged
 
 
 def _rows(log: Path) -> Iterator[dict[str, Any]]:
@@ -157,17 +157,19 @@ def _rows(log: Path) -> Iterator[dict[str, Any]]:
     with log.open("rb") as stream:
         messages = (message for _, _, message in make_reader(stream).iter_messages())
         for _, tick in itertools.groupby(messages, lambda message: message.sequence):
-            yield {key: value for one in tick for key, value in json.loads(one.data).items()}
+            yield {
+                key: value for message in tick for key, value in json.loads(message.data).items()
+            }
 
 
 def main() -> None:
     """Fly, read the log back, print, write."""
     options = _options()
     with tempfile.TemporaryDirectory() as folder:
-        told = soaked(options.ticks, options.package, Path(folder))
-    print(json.dumps(told, indent=1))
+        result = soaked(options.ticks, options.package, Path(folder))
+    print(json.dumps(result, indent=1))
     if options.json:
-        records.write(options.json, told)
+        records.write(options.json, result)
 
 
 def _options() -> argparse.Namespace:

@@ -78,24 +78,30 @@ def flown(case: str, index: int) -> dict[str, object]:
 
 def summed_up(case: str, flights: list[dict[str, object]]) -> dict[str, object]:
     """One line: how many flights, what ended them, and the delays of a pulled battery."""
-    causes = [str(one["cause"]) for one in flights]
-    told: dict[str, object] = {
+    causes = [str(flight["cause"]) for flight in flights]
+    row: dict[str, object] = {
         "case": case,
         "flights": len(flights),
         "named": sum(bool(NAMED & set(cause.split("+"))) for cause in causes),
         "causes": {cause: causes.count(cause) for cause in sorted(set(causes))},
-        "median_strongest_wake_n": float(np.median([one["strongest_wake_n"] for one in flights])),
+        "median_strongest_wake_n": float(
+            np.median([flight["strongest_wake_n"] for flight in flights])
+        ),
     }
-    airborne = [one for one in flights if one["delay_s"] is not None and one["height_m"] > 0.05]
+    airborne = [
+        flight for flight in flights if flight["delay_s"] is not None and flight["height_m"] > 0.05
+    ]
     if case in (PULLED, BLOCKED) and airborne:
-        delays = np.percentile([one["delay_s"] for one in airborne], [50, 90, 100])
-        told["delay_in_the_air_p50_p90_max_s"] = delays.tolist()
+        delays = np.percentile([flight["delay_s"] for flight in airborne], [50, 90, 100])
+        row["delay_in_the_air_p50_p90_max_s"] = delays.tolist()
     if case == BLOCKED:
-        below = [one for one in flights if one["off_m"] < -0.1 and one["height_m"] > 0.05]
-        told["unnoticed_off_m"] = sorted(round(o["off_m"], 3) for o in flights if not o["cause"])
-        told["seen_too_low"] = len(below)
-        told["risen_p50_max_m"] = np.percentile([o["risen_m"] for o in below], [50, 100]).tolist()
-    return told
+        below = [
+            flight for flight in flights if flight["off_m"] < -0.1 and flight["height_m"] > 0.05
+        ]
+        row["unnoticed_off_m"] = sorted(round(o["off_m"], 3) for o in flights if not o["cause"])
+        row["seen_too_low"] = len(below)
+        row["risen_p50_max_m"] = np.percentile([o["risen_m"] for o in below], [50, 100]).tolist()
+    return row
 
 
 def main() -> None:
@@ -104,8 +110,10 @@ def main() -> None:
     rows = []
     for case in (PULLED, BLOCKED, *WAKES):
         count = options.flights if case == "default wake" else options.each
-        one = functools.partial(flown, case)
-        rows.append(summed_up(case, parallel_map(one, range(count), workers=options.workers)))
+        flown_case = functools.partial(flown, case)
+        rows.append(
+            summed_up(case, parallel_map(flown_case, range(count), workers=options.workers))
+        )
         print(json.dumps(rows[-1], ensure_ascii=False), file=sys.stderr)
     if options.json:
         records.write(options.json, {"seconds": SECONDS, "rows": rows})

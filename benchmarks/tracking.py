@@ -50,7 +50,7 @@ def main() -> None:
     data_sha256 = _made(work / "set", options.minutes)
     wanted = [(arch, lead) for lead in (0.0, lead_s) for arch in ARCHITECTURES]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        packages = list(pool.map(lambda one: _package(work, *one), wanted))
+        packages = list(pool.map(lambda job: _package(work, *job), wanted))
     for path in packages:
         if read_package(path).manifest.data_sha256 != data_sha256:
             sys.exit(f"{path} is of another set than {work / 'set'}: give another --work.")
@@ -63,8 +63,8 @@ def main() -> None:
     rows = [_flown(contender, options.flights) for contender in contenders]
     print(_table(rows))
     if options.json:
-        told = {"seconds": SECONDS, "minutes": options.minutes, "data_sha256": data_sha256}
-        records.write(options.json, told | {"rows": rows})
+        conditions = {"seconds": SECONDS, "minutes": options.minutes, "data_sha256": data_sha256}
+        records.write(options.json, conditions | {"rows": rows})
 
 
 def _options() -> argparse.Namespace:

@@ -63,7 +63,7 @@ def main() -> None:
     data = _data(options)
     archs = DESCENDING if options.arch == "all" else tuple(options.arch.split(","))
     epochs, seeds = (2, 1) if options.quick else (options.epochs, options.seeds)
-    result = measured(data, archs, epochs, seeds, told=print, cores=2)
+    result = measured(data, archs, epochs, seeds, report=print, cores=2)
     result |= {"quick": options.quick, "minutes": data.provenance.get("minutes")}
     print("\n" + table(result["rows"]))
     if options.json:
@@ -95,7 +95,7 @@ def measured(
     archs: Sequence[str],
     epochs: int,
     seeds: int,
-    told: Callable[[str], None] = lambda text: None,
+    report: Callable[[str], None] = lambda text: None,
     cores: int = 1,
 ) -> dict[str, Any]:
     """Every architecture's row, and what it was measured on; `cores` also at once, if several."""
@@ -109,7 +109,7 @@ def measured(
         rows.append(compared(configs, data))
         if cores > 1:
             rows[-1]["at_once"] = at_once(configs[0], data, cores)
-        told(json.dumps(rows[-1]))
+        report(json.dumps(rows[-1]))
     return {
         "domain": data.domain,
         "data_sha256": data.sha256,
@@ -166,11 +166,11 @@ class PlainLoop:
     def play(self, targets: int) -> None:
         """Learn from so many targets more; what is left of the last batch is not used."""
         self.predictor.train()
-        left = targets
-        while left > 0:
+        remaining = targets
+        while remaining > 0:
             windows, wanted = next(self.batches)
-            windows, wanted = windows[:left], wanted[:left]
-            left -= len(windows)
+            windows, wanted = windows[:remaining], wanted[:remaining]
+            remaining -= len(windows)
             rate = learning_rate(self.settings, self.settings.epochs * self.progress)
             for group in self.optimiser.param_groups:
                 group["lr"] = rate
@@ -189,8 +189,8 @@ class PlainLoop:
         """The loss over the scored validation samples, each from its window."""
         self.predictor.eval()
         windows, wanted = self.held_out.tensors
-        told = [newest_force(self.predictor.core, some) for some in windows.split(AT_ONCE)]
-        return self.loss(torch.cat(told), wanted).item()
+        forces = [newest_force(self.predictor.core, some) for some in windows.split(AT_ONCE)]
+        return self.loss(torch.cat(forces), wanted).item()
 
     def _shuffled_for_ever(self) -> Iterator[list[Tensor]]:
         while True:
@@ -240,7 +240,7 @@ def compared(configs: Sequence[RunConfig], data: EpisodeSet) -> dict[str, Any]:
     core_gflops = float(np.median([rate for run in runs for rate in run["core_gflops"]]))
     row: dict[str, Any] = {"arch": configs[0].arch}
     row |= {"trainable": new_predictor(configs[0]).trainable}
-    row |= {f"{name}_per_s": _spread(own) for name, own in rates.items()}
+    row |= {f"{name}_per_s": _spread(loop_rates) for name, loop_rates in rates.items()}
     row["ratio"] = _spread(rates["ours"] / rates["plain"])
     for name in ("targets", "updates", "errors", "initial_sha256"):
         row[name] = {who: [run[name][who] for run in runs] for who in ("ours", "plain")}
@@ -267,22 +267,22 @@ def turns_of(config: RunConfig, data: EpisodeSet) -> dict[str, Any]:
     ours = counted_fit(config, data)
     plain = PlainLoop(config, learned, held_out, total=_targets(config, data))
     both = {"ours": ours.predictor, "plain": plain.predictor}
-    told: dict[str, Any] = {"ours": [], "plain": [], "core_gflops": []}
-    told["initial_sha256"] = {name: _sha256(predictor) for name, predictor in both.items()}
+    turns: dict[str, Any] = {"ours": [], "plain": [], "core_gflops": []}
+    turns["initial_sha256"] = {name: _sha256(predictor) for name, predictor in both.items()}
     for _ in range(ours.settings.epochs):
         before = ours.loss.targets
         took_s = _seconds(ours.train_epoch)
         targets = ours.loss.targets - before
-        told["ours"].append(targets / took_s)
+        turns["ours"].append(targets / took_s)
         ours.end_epoch()
-        told["plain"].append(targets / _seconds(lambda n=targets: plain.play(n)))
-        told["core_gflops"].append(core_gflops())
+        turns["plain"].append(targets / _seconds(lambda n=targets: plain.play(n)))
+        turns["core_gflops"].append(core_gflops())
     for name in ("targets", "updates"):
-        told[name] = {"ours": getattr(ours.loss, name), "plain": getattr(plain.loss, name)}
+        turns[name] = {"ours": getattr(ours.loss, name), "plain": getattr(plain.loss, name)}
     losses = {"ours": ours.standing.history[-1], "plain": plain.validate()}
-    told["errors"] = {name: math.sqrt(loss) for name, loss in losses.items()}
+    turns["errors"] = {name: math.sqrt(loss) for name, loss in losses.items()}
     ours.predictor.load_state_dict(plain.predictor.state_dict())
-    return told | {"plain_error_carried": math.sqrt(ours.validate())}  # as it would be flown
+    return turns | {"plain_error_carried": math.sqrt(ours.validate())}  # as it would be flown
 
 
 def twice_as_long(config: RunConfig, data: EpisodeSet) -> float:
@@ -365,12 +365,12 @@ def flops_per_target(config: RunConfig, data: EpisodeSet) -> dict[str, float]:
     ours = counted_fit(config, data)
     plain = PlainLoop(config, learned, held_out, total=_targets(config, data))
     played = {"ours": ours.train_epoch, "plain": lambda: plain.play(256)}
-    told = {}
+    flops = {}
     for name, loop in (("ours", ours), ("plain", plain)):
         with MultiplyAdds(loop.predictor.core) as counted:
             played[name]()
-        told[name] = 2.0 * counted.count / loop.loss.targets
-    return told
+        flops[name] = 2.0 * counted.count / loop.loss.targets
+    return flops
 
 
 def shares(config: RunConfig, data: EpisodeSet) -> dict[str, float]:

@@ -77,7 +77,7 @@ def main() -> None:
 def obtained(domain: str, arch: str, options: argparse.Namespace, commit: str) -> Row:
     """One pair's row: tuned, scored with and without what was found, and shipped."""
     data, folder = options.sets / domain, options.work / domain / arch
-    told = folder / "tune.json"
+    study_path = folder / "tune.json"
     narrowed = [*COARSE.get(arch, WINDOWS), *NARROWED.get((domain, arch), ())]
     asked = [f"--dimension={text}" for text in narrowed]
     ships = SHIPPED / domain / f"{arch}.toml"
@@ -85,9 +85,9 @@ def obtained(domain: str, arch: str, options: argparse.Namespace, commit: str) -
     trials = options.trials or (RESERVOIRS if arch == "esn" else TRIALS[domain])
     asked += ["--arch", arch, "--data", data, "--trials", trials]
     asked += [] if arch == "esn" else ["--pruner", "hyperband"]  # a reservoir has no epochs
-    wakedeploy("tune", *asked, "--out", folder / "study", "--json", told)
+    wakedeploy("tune", *asked, "--out", folder / "study", "--json", study_path)
     best = folder / "study" / "best.toml"
-    study = json.loads(told.read_text())
+    study = json.loads(study_path.read_text())
     row: Row = {"domain": domain, "arch": arch, "trials": study["trials"]}
     row |= {key: study[key] for key in ("data_sha256", "lead_s", "importances")}
     row |= {"narrowed": narrowed, "found_reference": study["best"]["reference"]}
@@ -101,9 +101,11 @@ def obtained(domain: str, arch: str, options: argparse.Namespace, commit: str) -
     row["starts"] = []
     for number, changes in enumerate(ARCHITECTURES[arch].starts):
         told_apart = [f"--hyper={arch}.{name}={value}" for name, value in changes.items()]
-        own = trained(domain, arch, data, runs / f"start-{number}", *told_apart)
+        scores = trained(domain, arch, data, runs / f"start-{number}", *told_apart)
         label = ", ".join(f"{name}={value:g}" for name, value in changes.items())
-        row["starts"].append({"label": f"at {label}", "hyper": dict(changes), "settings": {}} | own)
+        row["starts"].append(
+            {"label": f"at {label}", "hyper": dict(changes), "settings": {}} | scores
+        )
     if confirmed(row) == "reference" and ships.exists():
         row["starts"] += shipped_before(domain, arch, data, ships, runs)
     row["ships"] = confirmed(row)
@@ -117,11 +119,11 @@ def shipped_before(domain: str, arch: str, data: Path, ships: Path, runs: Path) 
     if not before.hyper:
         return []
     kept = runs / f"before-{hashlib.sha256(ships.read_bytes()).hexdigest()[:8]}"
-    own = trained(domain, arch, data, kept, "--preset", ships)
-    told = {"label": "as shipped before", "hyper": before.hyper, "settings": before.settings}
+    scores = trained(domain, arch, data, kept, "--preset", ships)
+    start = {"label": "as shipped before", "hyper": before.hyper, "settings": before.settings}
     kept_before = "ships" in before.study  # then that study found nothing better
     found_by = before.study.get("found_by") if kept_before else before.study
-    return [told | own | ({"found_by": found_by} if found_by else {})]
+    return [start | scores | ({"found_by": found_by} if found_by else {})]
 
 
 def trained(domain: str, arch: str, data: Path, out: Path, *how: object) -> Row:
@@ -144,7 +146,7 @@ def confirmed(row: Row) -> str:
 
 def _start(row: Row) -> Row:
     """The best on validation of what was tried beside the paper's shape."""
-    best: Row = min(row["starts"], key=lambda one: math.fsum(one["validation"]))
+    best: Row = min(row["starts"], key=lambda start: math.fsum(start["validation"]))
     return best
 
 
@@ -156,9 +158,9 @@ def ship(row: Row, best: Path, path: Path) -> None:
         return
     found = read_preset(best)
     of_the_found = {"trial", "validation_error", "trainable"}
-    told = {f"found_{n}" if n in of_the_found else n: v for n, v in found.study.items()}
+    found_study = {f"found_{n}" if n in of_the_found else n: v for n, v in found.study.items()}
     kept = _start(row) if row["ships"] == "start" else {"hyper": {}, "settings": {}}
-    study = told | {"ships": row["ships"]}
+    study = found_study | {"ships": row["ships"]}
     if "found_by" in kept:
         study["found_by"] = kept["found_by"]
     shape = kept["label"].capitalize() if kept["hyper"] else "The paper's shape"
@@ -195,8 +197,8 @@ def validation_error(run: Path) -> float:
 
 def error(domain: str, r2: Mapping[str, float | None]) -> float:
     """RMSE over standard deviation: 1 for predicting the mean."""
-    told = [MAIN[domain]] if MAIN.get(domain) in r2 else list(r2)
-    shares = [1.0 - value for name in told if (value := r2[name]) is not None]
+    channels = [MAIN[domain]] if MAIN.get(domain) in r2 else list(r2)
+    shares = [1.0 - value for name in channels if (value := r2[name]) is not None]
     return math.sqrt(sum(shares) / len(shares))
 
 
@@ -254,9 +256,9 @@ def page(rows: Sequence[Row]) -> str:
         "![Which dimensions matter](../figures/tuned-importances.png)",
     ]
     for domain in TRIALS:
-        own = [row for row in rows if row["domain"] == domain]
-        if own:
-            parts.append(f"## {domain}\n\n{table(own)}")
+        domain_rows = [row for row in rows if row["domain"] == domain]
+        if domain_rows:
+            parts.append(f"## {domain}\n\n{table(domain_rows)}")
     return "\n\n".join(parts) + "\n"
 
 
@@ -340,20 +342,24 @@ def importances(rows: Sequence[Row]) -> "Figure":
         for panel in axes.ravel()[len(tuned) :]:
             panel.set_axis_off()
         for panel, arch in zip(axes.ravel(), tuned, strict=False):
-            own = [row for row in rows if row["arch"] == arch]
-            names = sorted({name for row in own for name in row["importances"]})
-            shares = [[row["importances"].get(name, math.nan) for name in names] for row in own]
+            arch_rows = [row for row in rows if row["arch"] == arch]
+            names = sorted({name for row in arch_rows for name in row["importances"]})
+            shares = [
+                [row["importances"].get(name, math.nan) for name in names] for row in arch_rows
+            ]
             panel.grid(visible=False)
             panel.set(title=arch)
             if names:
                 panel.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
             panel.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
-            panel.set_yticks(range(len(own)), [row["domain"] for row in own], fontsize=7)
+            panel.set_yticks(
+                range(len(arch_rows)), [row["domain"] for row in arch_rows], fontsize=7
+            )
             for y, line in enumerate(shares):
                 for x, share in enumerate(line):
                     shade = "white" if share > 0.6 else "black"
-                    told = "–" if math.isnan(share) else f"{100 * share:.0f}"
-                    panel.text(x, y, told, ha="center", va="center", fontsize=6, color=shade)
+                    label = "–" if math.isnan(share) else f"{100 * share:.0f}"
+                    panel.text(x, y, label, ha="center", va="center", fontsize=6, color=shade)
         drawn.suptitle(
             "Importance of each dimension [%], PED-ANOVA; –: not searched, or fewer than 15 trials",
             fontsize=10,

@@ -39,11 +39,11 @@ def main() -> None:
     """Obey the tutorials named and keep what each printed and drew."""
     for name in _options().name:
         with tempfile.TemporaryDirectory() as folder:
-            told = [*obeyed(FOLDER / f"{name}.md", Path(folder))]
+            printed_blocks = [*obeyed(FOLDER / f"{name}.md", Path(folder))]
             for (page, drawn), kept in PICTURES.items():
                 if page == name:
                     shutil.copyfile(Path(folder) / drawn, records.FIGURES / kept)
-        records.write(records.FOLDER / f"tutorial-{name}.json", {"blocks": told})
+        records.write(records.FOLDER / f"tutorial-{name}.json", {"blocks": printed_blocks})
 
 
 def _options() -> argparse.Namespace:
@@ -59,7 +59,7 @@ def blocks(page: Path) -> list[tuple[str | None, str, bool]]:
     A block without a file is of the shell.
     """
     found = BLOCK.finditer(page.read_text("utf-8"))
-    return [(one["file"], one["body"], one["shown"] is not None) for one in found]
+    return [(block["file"], block["body"], block["shown"] is not None) for block in found]
 
 
 def obeyed(page: Path, folder: Path) -> Iterator[dict[str, Any]]:

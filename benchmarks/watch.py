@@ -91,13 +91,13 @@ def watched(name: str, index: int) -> dict[str, float | None]:
 
 def summed_up(name: str, flights: Sequence[dict[str, float | None]]) -> dict[str, object]:
     """One line of the table; seconds count from the start of the flight."""
-    noticed = [one["noticed_s"] for one in flights if one["noticed_s"] is not None]
+    noticed = [flight["noticed_s"] for flight in flights if flight["noticed_s"] is not None]
     return {
         "effect": name,
         "flights": len(flights),
         "noticed": len(noticed) / len(flights),
         "median_s": float(np.median(noticed)) if noticed else None,
-        "median_worst_score": float(np.median([one["worst"] for one in flights])),
+        "median_worst_score": float(np.median([flight["worst"] for flight in flights])),
     }
 
 
@@ -109,16 +109,16 @@ def main() -> None:
         count = options.flights if name == NO_EFFECT else options.each
         one_flight = functools.partial(watched, name)
         flights = parallel_map(one_flight, range(count), workers=options.workers)
-        times += [one["ms_per_tick"] for one in flights]
+        times += [flight["ms_per_tick"] for flight in flights]
         rows.append(summed_up(name, flights))
         print(json.dumps(rows[-1]), file=sys.stderr)
-    told = {"seconds": SECONDS, "ms_per_tick": float(np.median(times)), "rows": rows}
+    result = {"seconds": SECONDS, "ms_per_tick": float(np.median(times)), "rows": rows}
     for row in rows:
         after = "" if row["median_s"] is None else f", median after {row['median_s']:.1f} s"
         print(f"{row['effect']:34s} {100 * row['noticed']:5.1f} % of {row['flights']}{after}")
-    print(f"{told['ms_per_tick']:.2f} ms of computing per tick (median over flights)")
+    print(f"{result['ms_per_tick']:.2f} ms of computing per tick (median over flights)")
     if options.json:
-        records.write(options.json, told)
+        records.write(options.json, result)
 
 
 def _options() -> argparse.Namespace:

@@ -128,19 +128,19 @@ def fit(
     """
     events = [_merge(flight) for flight in flights]
 
-    def told(grid_number: int) -> Callable[[int], None]:
+    def grid_progress(grid_number: int) -> Callable[[int], None]:
         done = grid_number * len(events)
         return lambda count: progress(done + count, 2 * len(events)) if progress else None
 
     coarse = itertools.product(COARSE_TIME_S, COARSE_SD_N, COARSE_NOISE, COARSE_ACTIVITY)
     grid = [ForceModel(t, sd, k * range_sd_m, share) for t, sd, k, share in coarse]
-    near = _most_likely(events, grid, mass_kg, told(0))
+    near = _most_likely(events, grid, mass_kg, grid_progress(0))
     fine = itertools.product(FINE_FACTOR, FINE_SD_FACTOR, FINE_NOISE_FACTOR, FINE_ACTIVITY)
     grid = [
         ForceModel(near.time_s * t, near.sd_n * sd, near.range_sd_m * k, share)
         for t, sd, k, share in fine
     ]
-    return _most_likely(events, grid, mass_kg, told(1))
+    return _most_likely(events, grid, mass_kg, grid_progress(1))
 
 
 def _most_likely(

@@ -96,7 +96,7 @@ def main() -> None:
     if hasattr(os, "sched_getscheduler"):
         become_ordinary()  # the loop that tries its package anew may have real-time priority
     _limit(limits)
-    sys.stdout.write(json.dumps(_told(sys.stdin.buffer.read())))
+    sys.stdout.write(json.dumps(_replay_summary(sys.stdin.buffer.read())))
 
 
 def _limit(limits: Limits) -> None:
@@ -115,7 +115,7 @@ def _limit(limits: Limits) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
-def _told(model: bytes) -> dict[str, Any]:
+def _replay_summary(model: bytes) -> dict[str, Any]:
     try:
         return asdict(replay(package_from_bytes(model, "the package")))
     except MemoryError:

@@ -127,7 +127,7 @@ def make_set(*, minutes, seed, height=1.0, progress=None):
 
 
 DOMAIN = Simulated(
-    main="push_n", told="Let waves run through a tank.", examples=("--out sets/tank",),
+    main="push_n", help_text="Let waves run through a tank.", examples=("--out sets/tank",),
     make=make_set, minutes=5.0,
     settings=(Setting("height", "number", "Of the waves.", default=1.0, low=0.1, high=9.0),),
 )

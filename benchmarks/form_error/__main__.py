@@ -17,7 +17,7 @@ import click
 from benchmarks.form_error.cases import Case, flights_of
 from benchmarks.form_error.judge import row
 from benchmarks.form_error.plan import no_effect, trivial, with_effect
-from benchmarks.form_error.table import curve, told
+from benchmarks.form_error.table import curve, curve_text
 from benchmarks.records import FOLDER, write
 from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.core.parallel import parallel_map
@@ -38,15 +38,15 @@ def run(cases: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:
     """All rows; those that the folder has already are not made again."""
     kept = out / "rows.jsonl"
     out.mkdir(parents=True, exist_ok=True)
-    known = {one["digest"]: one for one in read_json_lines(kept)}
-    left = [case for case in cases if case.digest not in known]
+    known = {line["digest"]: line for line in read_json_lines(kept)}
+    remaining = [case for case in cases if case.digest not in known]
 
-    def keep(case: Case, one: dict[str, Any]) -> None:
-        append_json_line(kept, {"digest": case.digest, **one})
-        known[case.digest] = one
-        click.echo(f"{one['case']}: {one['answer']}")
+    def keep(case: Case, line: dict[str, Any]) -> None:
+        append_json_line(kept, {"digest": case.digest, **line})
+        known[case.digest] = line
+        click.echo(f"{line['case']}: {line['answer']}")
 
-    parallel_map(partial(answered, out=out), left, workers=workers, on_done=keep)
+    parallel_map(partial(answered, out=out), remaining, workers=workers, on_done=keep)
     return [known[case.digest] for case in cases]
 
 
@@ -63,7 +63,7 @@ def main(
     """Tell the dose curve."""
     cases = [*no_effect(per_dose), *with_effect(per_effect), *trivial(trivia)]
     rows = run(cases, out, workers)
-    click.echo(told(curve(rows)))
+    click.echo(curve_text(curve(rows)))
     if record:
         write(FOLDER / "form-error.json", {"curve": curve(rows), "rows": rows})
     (out / "curve.json").write_text(json.dumps(curve(rows), indent=1))

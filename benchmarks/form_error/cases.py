@@ -92,8 +92,8 @@ class Case:
     @property
     def digest(self) -> str:
         """Of all that decides its flights."""
-        told = json.dumps(asdict(self), sort_keys=True)
-        return hashlib.sha256(told.encode()).hexdigest()[:12]
+        text = json.dumps(asdict(self), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def flights_of(case: Case, folder: Path, rig: Rig | None = None) -> list[Path]:
@@ -116,8 +116,8 @@ def fly(case: Case, rig: Rig, seed: int, seconds: float = SECONDS) -> RunLog:
     rows = _Rows()
     plan = random_plan(rig, seconds, seed)
     Loop(rig, world, world, plan, None, rows, world, is_timed=False).run()
-    told = metadata(rig, None, seed=seed, started=_NO_TIME, simulated=True)
-    return RunLog.from_rows(rows.rows, told)
+    flight_metadata = metadata(rig, None, seed=seed, started=_NO_TIME, simulated=True)
+    return RunLog.from_rows(rows.rows, flight_metadata)
 
 
 def build_of(case: Case, rig: Rig) -> Build:

@@ -161,10 +161,10 @@ def _spool(
 @compiled
 def _factor(y: FloatArray, air: float, n: Numbers) -> float:
     """What is left of the static thrust: battery, inflow, ground."""
-    left = 1.0 - n.sag_per_s * y[CHARGE]
-    left *= 1.0 - n.inflow_s_per_m * y[SPEED]
-    left *= 1.0 - n.wake_inflow_s_per_m * max(-air, 0.0)
-    return float(left * (1.0 + n.ground_gain / (1.0 + (y[Z] / n.ground_height_m) ** 2)))
+    thrust_share = 1.0 - n.sag_per_s * y[CHARGE]
+    thrust_share *= 1.0 - n.inflow_s_per_m * y[SPEED]
+    thrust_share *= 1.0 - n.wake_inflow_s_per_m * max(-air, 0.0)
+    return float(thrust_share * (1.0 + n.ground_gain / (1.0 + (y[Z] / n.ground_height_m) ** 2)))
 
 
 @compiled

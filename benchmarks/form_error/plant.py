@@ -178,14 +178,14 @@ class FormPlant:
         z_m = float(
             np.mean([self._height_at(t_s - 0.5 * e.window_s + e.window_s * s) for s in shares])
         )
-        told = e.scale * z_m + e.bias_m
-        told += (e.noise_m + e.noise_per_m * z_m) * float(self._chance.standard_normal())
+        reading_m = e.scale * z_m + e.bias_m
+        reading_m += (e.noise_m + e.noise_per_m * z_m) * float(self._chance.standard_normal())
         stray, size = self._chance.random(), self._chance.uniform(-1.0, 1.0)
         if stray < e.outlier_probability:
-            told += e.outlier_size_m * size
+            reading_m += e.outlier_size_m * size
         if e.resolution_m > 0.0:
-            told = e.resolution_m * round(told / e.resolution_m)
-        return max(0.0, told)
+            reading_m = e.resolution_m * round(reading_m / e.resolution_m)
+        return max(0.0, reading_m)
 
     def _height_at(self, t_s: float) -> float:
         back = max((self.t_s - t_s) / self.dt_s, 0.0)

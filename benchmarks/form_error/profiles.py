@@ -51,22 +51,22 @@ class Jet:
 
 def jet_of(wake: Wake, family: str, misfit_share: float) -> Jet:
     """A jet of a family, so far from the wake's own form that the misfit is as asked for."""
-    own, delay_s, mixing_s = _puffs(wake)
+    wake_form, delay_s, mixing_s = _puffs(wake)
     if family == "same" or misfit_share <= 0.0:
-        return Jet(own, delay_s, mixing_s, *_misfit(wake, own))
-    other, arrival_s = _fitted(wake, own, family, delay_s)
+        return Jet(wake_form, delay_s, mixing_s, *_misfit(wake, wake_form))
+    other, arrival_s = _fitted(wake, wake_form, family, delay_s)
     share = 1.0
     for _ in range(4):  # the misfit is nearly linear in the share
-        mixed = _mixed(own, other, share)
+        mixed = _mixed(wake_form, other, share)
         share *= misfit_share / max(_misfit(wake, mixed)[1], 1e-6)
-    mixed = _mixed(own, other, share)
+    mixed = _mixed(wake_form, other, share)
     later = min(share, 1.0)
     arrives_s = (1.0 - later) * delay_s + later * arrival_s
     return Jet(mixed, arrives_s, mixing_s, *_misfit(wake, mixed))
 
 
-def _mixed(own: FloatArray, other: FloatArray, share: float) -> FloatArray:
-    return np.asarray(np.maximum((1.0 - share) * own + share * other, 0.0))
+def _mixed(wake_form: FloatArray, other: FloatArray, share: float) -> FloatArray:
+    return np.asarray(np.maximum((1.0 - share) * wake_form + share * other, 0.0))
 
 
 def _puffs(wake: Wake) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -83,20 +83,20 @@ def _puffs(wake: Wake) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _fitted(
-    wake: Wake, own: FloatArray, family: str, delay_s: FloatArray
+    wake: Wake, wake_form: FloatArray, family: str, delay_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """A family's jet with the parameters that come nearest to the wake's force, and its arrival."""
     box = _box()
-    wanted = _force(wake, own)[box]
+    wanted = _force(wake, wake_form)[box]
 
     def off(p: FloatArray) -> FloatArray:
         return np.asarray(_force(wake, _PROFILES[family](p))[box] - wanted).ravel()
 
-    middle = own[:, len(LATERAL_M) // 2]
+    middle = wake_form[:, len(LATERAL_M) // 2]
     start = np.array([float(middle[len(middle) // 2]), 0.1, 0.08])
     best = least_squares(off, start, x_scale=np.abs(start)).x
     if family == "bent":
-        return _bent(own), delay_s
+        return _bent(wake_form), delay_s
     # Air that decelerates along its way arrives later the farther it is.
     paces = np.interp(DISTANCE_M, DISTANCE_M, middle) if family == "hollow" else 1.0 / DISTANCE_M
     arrival = np.cumsum(1.0 / paces)
@@ -132,7 +132,7 @@ def _hollow(p: FloatArray) -> FloatArray:
 _PROFILES = {"round": _round, "core": _core, "hollow": _hollow, "bent": _round}
 
 
-def _bent(own: FloatArray) -> FloatArray:
+def _bent(wake_form: FloatArray) -> FloatArray:
     """The wake's own form, one flank steeper than the other, around an axis that bends aside.
 
     On the whole of what is flown the axis stays where it was: an offset would be an effect.
@@ -140,7 +140,7 @@ def _bent(own: FloatArray) -> FloatArray:
     bend_m = 0.012 * ((DISTANCE_M / 1.4) ** 2 - 1.04)
     rows = [
         np.interp(LATERAL_M - a - 0.4 * LATERAL_M**2 + 0.01, LATERAL_M, row)
-        for a, row in zip(bend_m, own, strict=True)
+        for a, row in zip(bend_m, wake_form, strict=True)
     ]
     return np.array(rows)
 

@@ -40,7 +40,7 @@ def _share(rows: Sequence[Row], answer: str) -> dict[str, Any]:
     return {"count": count, "of": len(rows), "low": low, "high": high}
 
 
-def told(lines: Sequence[Mapping[str, Any]]) -> str:
+def curve_text(lines: Sequence[Mapping[str, Any]]) -> str:
     """The curve as text."""
     head = f"{'misfit':>8} {'largest':>8} {'false alarms':>13} {'right':>10} {'useless':>10} worse"
     return "\n".join([head, *(_text(line) for line in lines)])

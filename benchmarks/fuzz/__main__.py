@@ -42,7 +42,7 @@ class Account:
             alike = self.failures[(failure.kind, *failure.verdict.signature)]
             alike.append(failure)
             if len(alike) <= _EXAMPLES:
-                print(told(failure, brief=len(alike) > 1), flush=True)
+                print(failure_text(failure, brief=len(alike) > 1), flush=True)
 
     @property
     def files(self) -> int:
@@ -50,7 +50,7 @@ class Account:
         return sum(tally.files for tally in self.tallies.values())
 
 
-def told(failure: Failure, brief: bool = False) -> str:
+def failure_text(failure: Failure, brief: bool = False) -> str:
     """A failure, and what makes it again."""
     verdict = failure.verdict
     first = f"{failure.kind} {failure.number}: {verdict.trouble} at {verdict.where}"
@@ -76,7 +76,7 @@ def main() -> int:
     if options.number is not None:
         (kind,) = kinds.values()
         return _again(kind, options.seed, options.number, options.keep)
-    unread = [told(failure) for kind in kinds.values() for failure in unread_sound(kind)]
+    unread = [failure_text(failure) for kind in kinds.values() for failure in unread_sound(kind)]
     if unread:
         sys.exit("\n".join(["Sound files that are not read:", *unread]))
     account, began_s = Account(), time.monotonic()
@@ -94,10 +94,10 @@ def main() -> int:
 def _print(account: Account, seconds: float) -> None:
     print(f"{'kind':16s} {'files':>9s} {'read':>9s} {'refused':>9s} {'failed':>7s} {'per s':>8s}"
           f" {'slowest s':>9s} {'MiB':>6s}")  # fmt: skip
-    for name, one in sorted(account.tallies.items()):
-        rate = one.files / one.seconds if one.seconds else 0.0
-        print(f"{name:16s} {one.files:9d} {one.read:9d} {one.refused:9d} {one.failed:7d}"
-              f" {rate:8.0f} {one.slowest_s:9.2f} {one.most_mib:6.0f}")  # fmt: skip
+    for name, kind in sorted(account.tallies.items()):
+        rate = kind.files / kind.seconds if kind.seconds else 0.0
+        print(f"{name:16s} {kind.files:9d} {kind.read:9d} {kind.refused:9d} {kind.failed:7d}"
+              f" {rate:8.0f} {kind.slowest_s:9.2f} {kind.most_mib:6.0f}")  # fmt: skip
     failed = sum(tally.failed for tally in account.tallies.values())
     print(f"{account.files} files in {seconds:.0f} s, {failed} failures of"
           f" {len(account.failures)} kinds")  # fmt: skip
@@ -115,7 +115,7 @@ def _record(
         "seconds": round(seconds, 1),
         "processor_s": round(sum(tally.seconds for tally in account.tallies.values()), 1),
         "files": account.files,
-        "failures": [told(alike[0]) for alike in account.failures.values()],
+        "failures": [failure_text(alike[0]) for alike in account.failures.values()],
         "slowest_allowed_s": SLOWEST_S,
         "most_allowed_mib": MOST_MIB,
         "kinds": [

@@ -212,12 +212,12 @@ def _zeros() -> bytes:
 
 def zip_of(name: str, packed: bytes, size: int) -> bytes:
     """A zip of one entry that is compressed already, with the size that it states."""
-    told = name.encode()
+    encoded_name = name.encode()
     sizes = struct.pack("<III", 0, len(packed), size)
     common = struct.pack("<HHHHH", 20, 0, 8, 0, 0x21) + sizes
-    local = _LOCAL + common + struct.pack("<HH", len(told), 0) + told + packed
+    local = _LOCAL + common + struct.pack("<HH", len(encoded_name), 0) + encoded_name + packed
     central = _CENTRAL + struct.pack("<H", 20) + common
-    central += struct.pack("<HHHHHII", len(told), 0, 0, 0, 0, 0, 0) + told
+    central += struct.pack("<HHHHHII", len(encoded_name), 0, 0, 0, 0, 0, 0) + encoded_name
     end = _END + struct.pack("<HHHHIIH", 0, 0, 1, 1, len(central), len(local), 0)
     return local + central + end
 

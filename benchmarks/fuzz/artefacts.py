@@ -24,14 +24,16 @@ def folder(verdict: str, rig_sha256: str, logs: list[str]) -> dict[str, Artefact
     """The artefacts of all steps that have something to say under a verdict."""
     flights = 1 if verdict == "inconclusive" else len(logs)
     name = _name(verdict)
-    told = {"find": _find(rig_sha256, logs[:flights]), "name": name}
+    by_step = {"find": _find(rig_sha256, logs[:flights]), "name": name}
     if verdict in ("named", "class", "unknown"):
-        told["add"] = _add(rig_sha256)
-        told["show"] = _show()
+        by_step["add"] = _add(rig_sha256)
+        by_step["show"] = _show()
     if verdict == "class":
-        told["plan"] = _plan()
-    told["result"] = _result(told)
-    return {step: _KINDS[step].model_validate(content).as_json() for step, content in told.items()}
+        by_step["plan"] = _plan()
+    by_step["result"] = _result(by_step)
+    return {
+        step: _KINDS[step].model_validate(content).as_json() for step, content in by_step.items()
+    }
 
 
 _UP = {"value": 0.052, "low": 0.046, "high": 0.058, "unit": "s"}
@@ -184,17 +186,17 @@ def _split(plan: Artefact | None) -> Artefact | None:
     return plan and {key: plan[key] for key in findings.Splitting.model_fields}
 
 
-def _result(told: dict[str, Artefact]) -> Artefact:
+def _result(by_step: dict[str, Artefact]) -> Artefact:
     """As `close.result` makes it of the steps."""
-    name, show = told["name"], told.get("show", {})
+    name, show = by_step["name"], by_step.get("show", {})
     kept = ("effects", "class", "more_classes", "others", "unknown", "beside", "rest",
             "calibration", "detectable", "leading", "verdict")  # fmt: skip
     return {key: name[key] for key in kept} | {
         "members": [{"name": NAMED, "confidence": 0.9, "parameters": _parameters(NAMED)}],
-        "where": told["find"]["places"],
+        "where": by_step["find"]["places"],
         "gap": show.get("gap", {}), "placebo": show.get("placebo"),
-        "plan": _split(told.get("plan")), "as_if": [], "hidden_by": show.get("hidden_by", []),
+        "plan": _split(by_step.get("plan")), "as_if": [], "hidden_by": show.get("hidden_by", []),
         "log_density_gain_nats": show.get("log_density_gain_nats"), "in_sample": False,
-        "cross_validated": False, "flights": len(told["find"]["logs"]),
+        "cross_validated": False, "flights": len(by_step["find"]["logs"]),
         "headline": "Effect missing.", "next": None,
     }  # fmt: skip

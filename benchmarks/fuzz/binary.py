@@ -207,8 +207,8 @@ def _metadata(draw: random.Random, content: bytes) -> bytes:
     changed = altered(draw, pairs)
     if not isinstance(changed, dict):
         return damaged(draw, content, content)
-    told = b"".join(_as_string(str(k)) + _as_string(str(v)) for k, v in changed.items())
-    return _as_string(name) + struct.pack("<I", len(told)) + told
+    encoded_pairs = b"".join(_as_string(str(k)) + _as_string(str(v)) for k, v in changed.items())
+    return _as_string(name) + struct.pack("<I", len(encoded_pairs)) + encoded_pairs
 
 
 def _string(content: bytes) -> tuple[str, bytes]:
@@ -217,8 +217,8 @@ def _string(content: bytes) -> tuple[str, bytes]:
 
 
 def _as_string(text: str) -> bytes:
-    told = text.encode("utf-8", "surrogatepass")
-    return struct.pack("<I", len(told)) + told
+    encoded = text.encode("utf-8", "surrogatepass")
+    return struct.pack("<I", len(encoded)) + encoded
 
 
 def _mcap_bomb(draw: random.Random, data: bytes) -> bytes:

@@ -94,10 +94,10 @@ def rig_files() -> tuple[Files, ...]:
 
 
 def _inline(table: dict[str, Any]) -> str:
-    told = ", ".join(
+    pairs = ", ".join(
         f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v}" for k, v in table.items()
     )
-    return f"{{ {told} }}"
+    return f"{{ {pairs} }}"
 
 
 def _rig() -> Kind:

@@ -64,8 +64,10 @@ def _renamed(flight: Flight, number: int) -> Flight:
 
 def _folders(*verdicts: str) -> tuple[Files, ...]:
     case = _case()
-    told = [artefacts.folder(v, case.rig.sha256, case.recordings) for v in verdicts]
-    return tuple({f"{step}.json": as_json(one) for step, one in each.items()} for each in told)
+    folders = [artefacts.folder(v, case.rig.sha256, case.recordings) for v in verdicts]
+    return tuple(
+        {f"{step}.json": as_json(artefact) for step, artefact in each.items()} for each in folders
+    )
 
 
 def _steps() -> Kind:
@@ -155,13 +157,13 @@ _TRACKING = {
 
 def _benchmark() -> Kind:
     kinds = ("effect", "none", "outside", "pair")
-    told = [_LINE | {"name": f"{kind}/1", "kind": kind} for kind in kinds]
-    lines = [json.dumps(line) for line in (*told, _LINE | {"tracking": _TRACKING})]
+    cases = [_LINE | {"name": f"{kind}/1", "kind": kind} for kind in kinds]
+    lines = [json.dumps(line) for line in (*cases, _LINE | {"tracking": _TRACKING})]
     sound: tuple[Files, ...] = ({LINES: "\n".join(lines).encode() + b"\n"},)
     return Kind("gap-benchmark", "gap benchmark lines", sound, _tabulate, {"*.jsonl": json_lines})
 
 
 def _tabulate(folder: Path) -> None:
     """As `python -m benchmarks.hidden_effects --table-only` does."""
-    told = summary(read_lines(folder))
-    markdown_of(told, "benchmark.png", LINES), text_of(told)
+    totals = summary(read_lines(folder))
+    markdown_of(totals, "benchmark.png", LINES), text_of(totals)

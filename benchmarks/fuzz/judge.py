@@ -197,19 +197,20 @@ def _ran_out(error: BaseException) -> BaseException | None:
 
 
 def _failure(error: BaseException, trouble: str) -> Verdict:
-    told = "".join(traceback.format_exception(error, limit=-12, chain=False))
-    return Verdict("failed", told[-4000:], trouble, _place(error))
+    trace_text = "".join(traceback.format_exception(error, limit=-12, chain=False))
+    return Verdict("failed", trace_text[-4000:], trouble, _place(error))
 
 
 def _place(error: BaseException) -> str:
     """The innermost line of this project that an error came through."""
     frames = traceback.extract_tb(error.__traceback__)
     root = str(Path(__file__).parents[2])
-    own = [f for f in frames if f.filename.startswith(root) and "/.venv/" not in f.filename]
-    own = [f for f in own if "/benchmarks/fuzz/" not in f.filename] or own
-    if not own:
+    own_frames = [f for f in frames if f.filename.startswith(root) and "/.venv/" not in f.filename]
+    own_frames = [f for f in own_frames if "/benchmarks/fuzz/" not in f.filename] or own_frames
+    if not own_frames:
         return "?"
-    return f"{Path(own[-1].filename).relative_to(root)}:{own[-1].lineno} {own[-1].name}"
+    innermost = own_frames[-1]
+    return f"{Path(innermost.filename).relative_to(root)}:{innermost.lineno} {innermost.name}"
 
 
 def _short(text: str) -> str:

@@ -152,8 +152,8 @@ def mend_set(draw: random.Random, files: dict[str, bytes], folder: str = "") -> 
             content = files[folder + entry["file"]]
             entry["sha256"] = hashlib.sha256(content).hexdigest()
         plain = {key: value for key, value in document.items() if key != "checksum"}
-        told = json.dumps(plain, sort_keys=True, separators=(",", ":"))
-        document["checksum"] = hashlib.sha256(told.encode()).hexdigest()
+        text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
+        document["checksum"] = hashlib.sha256(text.encode()).hexdigest()
         files[folder + DESCRIPTION] = as_json(document)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return

@@ -109,11 +109,11 @@ def json_mcap(made: Motion) -> bytes:
     schema = writer.register_schema("state", "jsonschema", b"{}")
     channels = [writer.register_channel(topic, "json", schema) for topic in ("/cmd", "/arm")]
     for t, u, (a, b) in _python(zip(made["t"], made["u"], made["q"], strict=True)):
-        for channel, told in zip(
+        for channel, message in zip(
             channels, ({"u": u}, {"joints": [{"q": a}, {"q": b}]}), strict=True
         ):
             stamp_ns = round(t * 1e9)
-            writer.add_message(channel, stamp_ns, json.dumps(told).encode(), stamp_ns)
+            writer.add_message(channel, stamp_ns, json.dumps(message).encode(), stamp_ns)
     writer.finish()
     return file.getvalue()
 

@@ -99,8 +99,8 @@ def _rehashed(graph: bytes, entries: dict[str, str]) -> bytes:
 
 
 def _varint(value: int) -> bytes:
-    value, told = value % (1 << 64), bytearray()
+    value, encoded = value % (1 << 64), bytearray()
     while value >= 0x80:
-        told.append(value & 0x7F | 0x80)
+        encoded.append(value & 0x7F | 0x80)
         value >>= 7
-    return bytes([*told, value])
+    return bytes([*encoded, value])

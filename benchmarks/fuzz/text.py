@@ -80,8 +80,8 @@ def _swapped(draw: random.Random, data: bytes, other: bytes) -> bytes:
     if first[1] > second[0]:
         return data[first[1] :] + data[: first[1]]
     between = data[first[1] : second[0]]
-    one, two = data[slice(*first)], data[slice(*second)]
-    return data[: first[0]] + two + between + one + data[second[1] :]
+    first_part, second_part = data[slice(*first)], data[slice(*second)]
+    return data[: first[0]] + second_part + between + first_part + data[second[1] :]
 
 
 def _spliced(draw: random.Random, data: bytes, other: bytes) -> bytes:

@@ -216,6 +216,6 @@ def _sweep_results() -> Kind:
 def _as_done(row: dict[str, object]) -> dict[str, object]:
     """A row as a finished training leaves it."""
     scores = {"rmse": {"f_n": 0.1}, "r2": {"f_n": 0.9}}
-    told = {"trainable": 99, "frozen": 0, "epochs": 2, "best_epoch": 1, "validation": scores}
-    told |= {"test": scores, "test_r2_ceiling": None, "device": "cpu", "run": "runs/x"}
-    return row | {"state": "done", "reason": None, "seconds": 1.5} | told
+    outcome = {"trainable": 99, "frozen": 0, "epochs": 2, "best_epoch": 1, "validation": scores}
+    outcome |= {"test": scores, "test_r2_ceiling": None, "device": "cpu", "run": "runs/x"}
+    return row | {"state": "done", "reason": None, "seconds": 1.5} | outcome

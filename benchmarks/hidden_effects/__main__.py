@@ -78,11 +78,11 @@ def _chosen(short: bool, full: bool, only: Sequence[str]) -> list[Case]:
 
 
 def _write(lines: list[dict[str, Any]], out: Path) -> None:
-    told, picture = summary(lines), out / "benchmark.png"
-    write_json(out / "summary.json", told)
-    figures.save(draw(told), picture)
-    write_text_whole(out / "benchmark.md", markdown_of(told, picture.name, LINES))
-    print(text_of(told))
+    totals, picture = summary(lines), out / "benchmark.png"
+    write_json(out / "summary.json", totals)
+    figures.save(draw(totals), picture)
+    write_text_whole(out / "benchmark.md", markdown_of(totals, picture.name, LINES))
+    print(text_of(totals))
 
 
 if __name__ == "__main__":

@@ -177,11 +177,12 @@ class Pilot:
         theta = extended(base, free)
         fitted = dict(zip(base.names, base.theta, strict=True))
         constant = {p.name: p.constant for p in model.effect(name).parameters}
-        for i, one in enumerate(free):
-            own = one.name.removeprefix(f"{name}.")
-            if own in values:  # from where calibration has put a constant, not from the rig's value
-                centre = fitted.get(constant[own] or "", one.neutral)
-                theta[i] = centre + values[own] - one.neutral
+        for i, parameter in enumerate(free):
+            parameter_name = parameter.name.removeprefix(f"{name}.")
+            if parameter_name in values:
+                # From where calibration has put a constant, not from the rig's value.
+                centre = fitted.get(constant[parameter_name] or "", parameter.neutral)
+                theta[i] = centre + values[parameter_name] - parameter.neutral
         parts: list[FloatArray] = []
         for episode, before in enumerate(self._scores):
             after = model.score((name,), theta, episode)

@@ -171,8 +171,8 @@ def short_cases() -> list[Case]:
 def _effect_cases(repeat: int, strengths: tuple[int, ...]) -> list[Case]:
     cases = []
     for count, name in enumerate(hidden_effects()):
-        own = (*strengths, 5, 150) if name in _AT_5_AND_150 else strengths
-        for nats, half in itertools.product(own, (0, 1)):
+        levels_nats = (*strengths, 5, 150) if name in _AT_5_AND_150 else strengths
+        for nats, half in itertools.product(levels_nats, (0, 1)):
             number = 2 * repeat + half
             if nats not in strengths and half == count % 2:
                 continue

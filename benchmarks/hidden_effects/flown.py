@@ -71,12 +71,14 @@ def compared(
     errors = [
         [_error_mm(case, pilot, seed, seconds) for seed in seeds] for pilot in (before, after)
     ]
-    told: dict[str, Any] = {"unit": "mm", "seconds": seconds, "seeds": list(seeds)}
-    told |= {"before": _row(errors[0]), "after": _row(errors[1])}
-    told |= {"ratio": None, "ratio_interval": None}
+    comparison: dict[str, Any] = {"unit": "mm", "seconds": seconds, "seeds": list(seeds)}
+    comparison |= {"before": _row(errors[0]), "after": _row(errors[1])}
+    comparison |= {"ratio": None, "ratio_interval": None}
     if all(error is not None for row in errors for error in row):
-        told["ratio"], told["ratio_interval"] = rms_ratio(*(_sums(row) for row in errors))
-    return told
+        comparison["ratio"], comparison["ratio_interval"] = rms_ratio(
+            *(_sums(row) for row in errors)
+        )
+    return comparison
 
 
 def _error_mm(case: Case, pilot: Pilot, seed: int, seconds: float) -> float | None:

@@ -33,11 +33,11 @@ Truth = Mapping[str, Any]
 def judge(folder: Path, result: Result, truth_path: Path) -> dict[str, Any]:
     """Measure the hidden effect's strength, decide, and compare every interval with the truth."""
     truth: Truth = json.loads(truth_path.read_text(encoding="utf-8"))
-    told: dict[str, Any] = {
+    judgement: dict[str, Any] = {
         key: truth[key] for key in ("name", "kind", "plant", "seed", "modes") if key in truth
     }
-    told |= {"target_nats": truth["nats"], "hidden": hidden_names(truth)}
-    told |= {"verdict": result["verdict"], "named": named(result), "class": members(result)}
+    judgement |= {"target_nats": truth["nats"], "hidden": hidden_names(truth)}
+    judgement |= {"verdict": result["verdict"], "named": named(result), "class": members(result)}
     gains: dict[str, float] = {}
     floor = None
     if truth["kind"] != "none":
@@ -45,19 +45,19 @@ def judge(folder: Path, result: Result, truth_path: Path) -> dict[str, Any]:
         flights = read_flights(sorted(folder.glob("flight*.mcap")), rig)
         measured = Measured(rig, flights)
         strength = measured.strength(truth["effects"], truth["outside"])
-        told |= _strength(strength, truth)
+        judgement |= _strength(strength, truth)
         floor = measured.floor(strength.fit, sealed(folder, [f.name for f in flights]))
-        told |= {"floor_m": floor.rms_m, "shows": floor.shows}
+        judgement |= {"floor_m": floor.rms_m, "shows": floor.shows}
         gains = _class_gains(measured, truth, result)
-        for name in set(told["hidden"]) & set(gains) if len(told["hidden"]) == 1 else ():
+        for name in set(judgement["hidden"]) & set(gains) if len(judgement["hidden"]) == 1 else ():
             gains[name] = max(gains[name], strength.nats)  # two fits of one thing: the better one
-    told |= decided(truth, result, gains)
-    told["class_gains"] = {name: finite(gain) for name, gain in gains.items()}
-    told["beliefs"] = beliefs(truth, result)
-    told["named_intervals"] = named_intervals(truth, result)
-    told["closed"] = share_closed(result, floor)
-    told["closed_by_own_floor"] = share_by_own_floor(result)
-    return told
+    judgement |= decided(truth, result, gains)
+    judgement["class_gains"] = {name: finite(gain) for name, gain in gains.items()}
+    judgement["beliefs"] = beliefs(truth, result)
+    judgement["named_intervals"] = named_intervals(truth, result)
+    judgement["closed"] = share_closed(result, floor)
+    judgement["closed_by_own_floor"] = share_by_own_floor(result)
+    return judgement
 
 
 def hidden_names(truth: Truth) -> list[str]:
@@ -182,8 +182,8 @@ def _strength(strength: Strength, truth: Truth) -> dict[str, Any]:
 
 
 def _interval(effect: str, name: str, low: float, high: float, value: float) -> dict[str, Any]:
-    told = {"effect": effect, "parameter": name, "low": low, "high": high, "truth": value}
-    return told | {"held": bool(low <= value <= high)}
+    interval = {"effect": effect, "parameter": name, "low": low, "high": high, "truth": value}
+    return interval | {"held": bool(low <= value <= high)}
 
 
 def _class_gains(measured: Measured, truth: Truth, result: Result) -> dict[str, float]:

@@ -65,7 +65,7 @@ class Measured:
     """The flights of one case under the judge's hypotheses."""
 
     def __init__(self, rig: Rig, flights: Sequence[Flight]) -> None:
-        extra = {name: one.effect for name, one in OUTSIDE.items()}
+        extra = {name: hidden.effect for name, hidden in OUTSIDE.items()}
         self._episodes = range(len(flights))
         self.model, self.base = fitted_base(GantryModel(rig, flights, extra))
 
@@ -78,10 +78,10 @@ class Measured:
         # that every sample looks like an outlier. Loud noise and no bend find the way from there.
         fits = []
         for start in (extended(self.base, free), self.model.start(names)):
-            for i, one in enumerate(free):
-                start[i] = known.get(one.name, start[i])
+            for i, parameter in enumerate(free):
+                start[i] = known.get(parameter.name, start[i])
             fits.append(fit(self.model, names, self._episodes, start))
-        fitted = max(fits, key=lambda one: one.per_episode.sum() + one.log_prior)
+        fitted = max(fits, key=lambda attempt: attempt.per_episode.sum() + attempt.log_prior)
         model, fitted = refitted(self.model, fitted)
         gains = held_out(self.base, fitted)
         unbent = fitted.log_prior - self.base.log_prior  # calibration that need not be bent
@@ -95,8 +95,8 @@ class Measured:
         """
         model, base = (given.model, given.fit) if given else (self.model, self.base)
         ranked = rank(model, base, list(candidates))
-        own = [candidate(base, c.name, refitted(model, c.fit)[1]) for c in ranked]
-        return {c.name: c.gain_nats for c in own}
+        refits = [candidate(base, c.name, refitted(model, c.fit)[1]) for c in ranked]
+        return {c.name: c.gain_nats for c in refits}
 
     def floor(self, fitted: Fit, names: Collection[str]) -> Floor:
         """What the truth, fitted to the other flights, leaves on those with these names.
@@ -108,10 +108,10 @@ class Measured:
         others = [i for i in self._episodes if i not in chosen] or chosen
         model = self.model.only(chosen)
         fits = (fit(self.model, f.hypothesis, others, f.theta) for f in (fitted, self.base))
-        fitted, base = (refitted(self.model, one)[1] for one in fits)
-        block, left = _squares(model, fitted)
+        fitted, base = (refitted(self.model, rough_fit)[1] for rough_fit in fits)
+        block, remaining = _squares(model, fitted)
         _, before = _squares(model, base)
-        excess = before - left
+        excess = before - remaining
         means = [
             np.nanmean(e) for n in np.unique(block) if np.isfinite(e := excess[block == n]).any()
         ]
@@ -119,7 +119,7 @@ class Measured:
         if len(means) > 1:
             quantile = float(student.ppf(0.95, len(means) - 1))
             reach = quantile * float(np.std(means, ddof=1)) / len(means) ** 0.5
-        return Floor(float(np.sqrt(np.nanmean(left))), float(np.mean(means)), reach)
+        return Floor(float(np.sqrt(np.nanmean(remaining))), float(np.mean(means)), reach)
 
 
 def _squares(model: GantryModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:

@@ -35,15 +35,15 @@ _SPREADS = (
 )
 
 
-def text_of(told: Summary) -> str:
+def text_of(summary: Summary) -> str:
     """The page as it stands in a terminal: the same tables."""
-    return markdown_of(told)
+    return markdown_of(summary)
 
 
-def markdown_of(told: Summary, figure_name: str = "", lines_name: str = "") -> str:
+def markdown_of(summary: Summary, figure_name: str = "", lines_name: str = "") -> str:
     """The page: headline figures against their bars, then the tables behind them."""
-    counts = ", ".join(f"{n} {kind}" for kind, n in sorted(told["cases"].items()))
-    commits = ", ".join(c or "no commit" for c in told["commits"])
+    counts = ", ".join(f"{n} {kind}" for kind, n in sorted(summary["cases"].items()))
+    commits = ", ".join(c or "no commit" for c in summary["commits"])
     parts = [
         "# The gap workflow against hidden effects",
         "`python -m benchmarks.hidden_effects` hides effects in two plants and judges the answers "
@@ -53,74 +53,79 @@ def markdown_of(told: Summary, figure_name: str = "", lines_name: str = "") -> s
         "Strength is the gain in log-likelihood of the hidden effect on held-out flights, in nats, "
         "as the judge measures it. Brackets are Wilson's 95 % intervals. A case on which the "
         "workflow failed counts as wrong.",
-        f"Cases: {counts}{_left(told)}. Code frozen at: {commits}."
+        f"Cases: {counts}{_unfinished_text(summary)}. Code frozen at: {commits}."
         + (
             f" Each case has a line in [{Path(lines_name).name}]({lines_name})."
             if lines_name
             else ""
         ),
-        headline(told),
-        _closed(told),
+        headline(summary),
+        _closed(summary),
         f"![Share of right answers against the strength of the hidden effect]({figure_name})"
         if figure_name
         else "",
-        "## Right answers against strength\n\n" + _by_nats(told["by_nats"]),
-        "## Plants\n\n" + _plants(told),
+        "## Right answers against strength\n\n" + _by_nats(summary["by_nats"]),
+        "## Plants\n\n" + _plants(summary),
         "## Coverage of 90 % intervals\n\n"
-        + _coverage(told["coverage_fitted"], told["coverage_named"]),
-        _belief(told["belief"]),
+        + _coverage(summary["coverage_fitted"], summary["coverage_named"]),
+        _belief(summary["belief"]),
         "## What was answered\n\nA class that holds the hidden effect counts as *class*.\n\n"
-        + _confusion(told["confusion"]),
-        _tracking(told["tracking"]),
-        _errors(told["errors"]),
+        + _confusion(summary["confusion"]),
+        _tracking(summary["tracking"]),
+        _errors(summary["errors"]),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _left(told: Summary) -> str:
+def _unfinished_text(summary: Summary) -> str:
     """How much of the full list a run has not done yet."""
-    done, listed = sum(told["cases"].values()), len(all_cases())
+    done, listed = sum(summary["cases"].values()), len(all_cases())
     return f" (a partial run: {done} of {listed})" if done < listed else ""
 
 
-def draw(told: Summary) -> "Figure":
+def draw(summary: Summary) -> "Figure":
     """Accuracy against nats with intervals, and the confusion matrix."""
-    hidden = sorted(told["confusion"])
+    hidden = sorted(summary["confusion"])
     with figures.style():
         tall = max(3.4, 0.17 * len(hidden) + 1.5)
-        drawn, (left, right) = figures.figure(
+        drawn, (bins_axes, confusion_axes) = figures.figure(
             1, 2, size=(11.0, tall), gridspec_kw={"width_ratios": (1.0, 1.5)}
         )
-        _draw_bins(left, told["by_nats"])
-        _draw_confusion(right, told["confusion"], hidden)
+        _draw_bins(bins_axes, summary["by_nats"])
+        _draw_confusion(confusion_axes, summary["confusion"], hidden)
     return drawn
 
 
-def headline(told: Summary) -> str:
+def headline(summary: Summary) -> str:
     """The figures that have a bar, and those beside them."""
     rows = [
-        [label, _share(told[key]), f"{told[key]['count']} of {told[key]['of']}", bar]
+        [label, _share(summary[key]), f"{summary[key]['count']} of {summary[key]['of']}", bar]
         for key, label, bar in _RATES
     ]
     for key, label, bar, scale in _SPREADS:
-        one = told[key]
-        if one is not None:
-            rows.append([label, f"{one['mean'] * scale:.2f}", f"over {one['count']}", bar])
-    flown = told["tracking"]
+        measure = summary[key]
+        if measure is not None:
+            rows.append([label, f"{measure['mean'] * scale:.2f}", f"over {measure['count']}", bar])
+    flown = summary["tracking"]
     if flown["mean_ratio"] is not None:
         label = "tracking error, corrected rig and its predictor over uncorrected, mean"
         rows.append([label, f"{flown['mean_ratio']:.2f}", f"over {flown['count']}", ""])
     for key, label in (("coverage_fitted", "all cases"), ("coverage_named", "named ones")):
-        one = told[key]["all"]
+        measure = summary[key]["all"]
         rows.append(
-            [f"90 % intervals, {label}", _share(one), f"{one['count']} of {one['of']}", "85–95 %"]
+            [
+                f"90 % intervals, {label}",
+                _share(measure),
+                f"{measure['count']} of {measure['of']}",
+                "85–95 %",
+            ]
         )
     return _table(["", "measured", "cases", "bar"], rows)
 
 
-def _closed(told: Summary) -> str:
+def _closed(summary: Summary) -> str:
     """What the share of the gap closed is a share of, and in how many cases there is none."""
-    unseen, own = told["does_not_show"], told["closed_by_own_floor"]
+    unseen, own_floor = summary["does_not_show"], summary["closed_by_own_floor"]
     text = (
         "The share closed is (before² − after²) / (before² − floor²). These are errors 0.25 s "
         "ahead on sealed flights, for effects of 50 nats and above and for pairs. The floor is the "
@@ -128,10 +133,10 @@ def _closed(told: Summary) -> str:
         f"{unseen['count']} of {unseen['of']} cases have no share: the hidden effect does not show "
         "in that error beyond its scatter."
     )
-    if own is not None:
+    if own_floor is not None:
         text += (
             " With the floor that the corrected model expects of itself, the mean is "
-            f"{own['mean']:.2f}, over {own['count']}."
+            f"{own_floor['mean']:.2f}, over {own_floor['count']}."
         )
     return text
 
@@ -148,10 +153,10 @@ def _by_nats(bins: Sequence[Mapping[str, Any]]) -> str:
     return _table(["nats", "right", "cases"], rows)
 
 
-def _plants(told: Summary) -> str:
+def _plants(summary: Summary) -> str:
     rows = [
-        [plant, _share(told["by_plant"][plant]), _share(told["false_alarms_by_plant"][plant])]
-        for plant in told["by_plant"]
+        [plant, _share(summary["by_plant"][plant]), _share(summary["false_alarms_by_plant"][plant])]
+        for plant in summary["by_plant"]
     ]
     return _table(["plant", "right from 15 nats", "false alarms"], rows)
 
@@ -159,10 +164,10 @@ def _plants(told: Summary) -> str:
 def _coverage(fitted: Mapping[str, Any], named: Mapping[str, Any]) -> str:
     blank = {"share": math.nan, "low": 0.0, "high": 1.0, "count": 0, "of": 0}
     rows = []
-    for name, one in fitted.items():
+    for name, coverage in fitted.items():
         other = named.get(name, blank)
         cells = [
-            f"{_share(x)}, {x['count']} of {x['of']}" if x["of"] else "–" for x in (one, other)
+            f"{_share(x)}, {x['count']} of {x['of']}" if x["of"] else "–" for x in (coverage, other)
         ]
         rows.append([name, *cells])
     return _table(["effect", "all cases, true effect fitted", "named by the workflow"], rows)
@@ -200,7 +205,7 @@ def _confusion(table: Mapping[str, Mapping[str, int]]) -> str:
 def _tracking(flown: Mapping[str, Any]) -> str:
     if not flown["cases"]:
         return ""
-    rows = [[name, one["plant"], *_flown(one)] for name, one in flown["cases"].items()]
+    rows = [[name, case["plant"], *_flown(case)] for name, case in flown["cases"].items()]
     head = ["case", "plant", "answer", "before [mm]", "after [mm]", "after / before", "force [N]"]
     mean = flown["mean_ratio"]
     text = (
@@ -215,12 +220,12 @@ def _tracking(flown: Mapping[str, Any]) -> str:
     return f"## Old and new predictor flown\n\n{text}\n\n{_table(head, rows)}"
 
 
-def _flown(one: Mapping[str, Any]) -> list[str]:
+def _flown(case: Mapping[str, Any]) -> list[str]:
     """Cells of one tracked case after its name and plant."""
-    word = "right" if one["right"] else f"{one['verdict']}, not right"
-    flown = one["flown"]
+    word = "right" if case["right"] else f"{case['verdict']}, not right"
+    flown = case["flown"]
     if flown is None:
-        why = (one["error"] or "nothing was corrected").replace("|", "/")
+        why = (case["error"] or "nothing was corrected").replace("|", "/")
         return [word, why, "–", "–", "–"]
     before, after = (
         "failsafe" if (row := flown[key])["rmse"] is None else _within(row["rmse"], row, 1)
@@ -251,16 +256,16 @@ def _placeless(error: str) -> str:
     return re.sub(r"\S*/(?=[^/\s])", "", error).replace("|", "/")
 
 
-def _share(one: Mapping[str, float]) -> str:
-    if not one["of"]:
+def _share(rate: Mapping[str, float]) -> str:
+    if not rate["of"]:
         return "–"
-    return f"{100 * one['share']:.0f} % [{100 * one['low']:.0f}, {100 * one['high']:.0f}]"
+    return f"{100 * rate['share']:.0f} % [{100 * rate['low']:.0f}, {100 * rate['high']:.0f}]"
 
 
-def _range(one: Mapping[str, float | None]) -> str:
-    high = one["high"]
+def _range(bounds: Mapping[str, float | None]) -> str:
+    high = bounds["high"]
     endless = high is None or math.isinf(high)
-    return f"{one['low']:g} and above" if endless else f"{one['low']:g} to {high:g}"
+    return f"{bounds['low']:g} and above" if endless else f"{bounds['low']:g} to {high:g}"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -106,8 +106,8 @@ def do_case(job: Job) -> dict[str, Any]:
         if job.case.name in TRACKED:
             line |= _tracked(job.case, world, job.out / "errors" / f"{label}-tracking.txt")
     except Exception as error:  # a failure of the benchmark's own
-        told = _failure(error, job.out / "errors" / f"{label}-judge.txt")
-        line["error"] = "; ".join(filter(None, (line.get("error"), told)))
+        failure = _failure(error, job.out / "errors" / f"{label}-judge.txt")
+        line["error"] = "; ".join(filter(None, (line.get("error"), failure)))
     if not job.keep and "error" not in line:
         shutil.rmtree(world, ignore_errors=True)
     return line
@@ -115,20 +115,20 @@ def do_case(job: Job) -> dict[str, Any]:
 
 def unjudged(case: Case) -> dict[str, Any]:
     """The line of a case on which all failed: wrong, at the strength that it was meant to have."""
-    told = {"name": case.name, "kind": case.kind, "plant": case.plant, "seed": case.seed}
-    told |= {"target_nats": case.nats, "nats": float(case.nats), "hidden": [*case.truth_names]}
-    told |= {"verdict": FAILED, "right": False, "partial": False, "named": [], "class": []}
-    return told | {"named_intervals": [], "closed": None, "seconds": None}
+    line = {"name": case.name, "kind": case.kind, "plant": case.plant, "seed": case.seed}
+    line |= {"target_nats": case.nats, "nats": float(case.nats), "hidden": [*case.truth_names]}
+    line |= {"verdict": FAILED, "right": False, "partial": False, "named": [], "class": []}
+    return line | {"named_intervals": [], "closed": None, "seconds": None}
 
 
 def _tracked(case: Case, world: Path, failures: Path) -> dict[str, Any]:
     """What a tracked case's line has besides; a failure here makes the answer no less right."""
     started = time.monotonic()
     try:
-        told: dict[str, Any] = {"tracking": tracked(case, world)}
+        tracking: dict[str, Any] = {"tracking": tracked(case, world)}
     except Exception as error:
-        told = {"tracking": None, "tracking_error": _failure(error, failures)}
-    return told | {"seconds_tracking": time.monotonic() - started}
+        tracking = {"tracking": None, "tracking_error": _failure(error, failures)}
+    return tracking | {"seconds_tracking": time.monotonic() - started}
 
 
 def _failure(error: Exception, path: Path) -> str:
@@ -143,8 +143,8 @@ def _lines(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
         yield from map(do_case, jobs)
         return
     with pool(workers) as several:
-        for one in as_completed([several.submit(do_case, job) for job in jobs]):
-            yield one.result()
+        for future in as_completed([several.submit(do_case, job) for job in jobs]):
+            yield future.result()
 
 
 def _workflow() -> Close:

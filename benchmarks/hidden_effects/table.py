@@ -116,7 +116,7 @@ def coverage(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 
 def belief(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """How often what was held for so sure was so: one row per range of confidence, if any."""
-    known, told = list(rows), []
+    known, belief_rows = list(rows), []
     for low, high in BELIEFS:
         ends_it = high == BELIEFS[-1][1]
         inside = [
@@ -124,10 +124,10 @@ def belief(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
         ]
         if inside:
             held = sum(r["confidence"] for r in inside) / len(inside)
-            told.append(
+            belief_rows.append(
                 {"from": low, "to": high, "held": held} | _rate(r["hidden"] for r in inside)
             )
-    return told
+    return belief_rows
 
 
 def confusion(lines: Sequence[Line]) -> dict[str, dict[str, int]]:

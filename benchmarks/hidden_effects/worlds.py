@@ -72,8 +72,8 @@ def write_world(
         path = folder / f"flight{number}.mcap"
         log.without_truth().write_mcap(path)
         paths.append(path)
-    told = asdict(case) | {"constants": case.truth_constants(), "modes": modes}
-    write_text_whole(truth, json.dumps(told, indent=1) + "\n")
+    truth_record = asdict(case) | {"constants": case.truth_constants(), "modes": modes}
+    write_text_whole(truth, json.dumps(truth_record, indent=1) + "\n")
     return paths
 
 
@@ -160,8 +160,8 @@ def _second_flight(
     rows = _Rows()
     plan = random_plan(model, seconds, seed)
     Loop(model, world, world, plan, forecast, rows, world, is_timed=False).run()
-    told = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
-    return RunLog.from_rows(rows.rows, told)
+    flight_metadata = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
+    return RunLog.from_rows(rows.rows, flight_metadata)
 
 
 def _numbers(rig: Rig, constants: Mapping[str, float]) -> Numbers:

@@ -31,13 +31,15 @@ def deadman(scene: Scene) -> None:
     descents_s = (limits.source_descent_s, limits.sufferer_descent_s)
 
     def ramp(out: Outputs, dt_s: float) -> Outputs:
-        left = [max(0.0, 1.0 - (plant.t_s - began_s) / one_s) for one_s in descents_s]
-        source, sufferer = (idle_us + s * (p - idle_us) for s, p in zip(left, pins, strict=True))
+        shares = [max(0.0, 1.0 - (plant.t_s - began_s) / one_s) for one_s in descents_s]
+        source, sufferer = (idle_us + s * (p - idle_us) for s, p in zip(shares, pins, strict=True))
         return Outputs(source, sufferer, 0.0)
 
-    def status(told: Status) -> Status:
+    def status(true_status: Status) -> Status:
         is_latched = plant.t_s - began_s > max(descents_s)
-        return replace(told, armed=False, faults=protocol.Fault.DEADMAN) if is_latched else told
+        if not is_latched:
+            return true_status
+        return replace(true_status, armed=False, faults=protocol.Fault.DEADMAN)
 
     scene.world.board.outputs, scene.world.board.status = ramp, status
 
@@ -45,7 +47,7 @@ def deadman(scene: Scene) -> None:
 def freezes_steps(scene: Scene) -> None:
     """The step count stays what it is."""
     steps = scene.world.plant.steps
-    says(scene, change=lambda told: replace(told, steps=steps))
+    says(scene, change=lambda status: replace(status, steps=steps))
 
 
 def blocks_carriage(scene: Scene) -> None:
@@ -58,20 +60,20 @@ def blocks_carriage(scene: Scene) -> None:
         return replace(out, carriage_mps=0.0)
 
     scene.world.board.outputs = stand
-    says(scene, change=lambda told: replace(told, steps=told.steps + round(counted[0])))
+    says(scene, change=lambda status: replace(status, steps=status.steps + round(counted[0])))
 
 
-def _jumped(told: Status, by: int) -> Status:
-    return replace(told, steps=max(-(1 << 31), min(told.steps + by, (1 << 31) - 1)))
+def _jumped(status: Status, by: int) -> Status:
+    return replace(status, steps=max(-(1 << 31), min(status.steps + by, (1 << 31) - 1)))
 
 
 FAULTS = (
     Fault("board restarts", "The board restarts in flight: its pulses stop at once.", GROUP,
           reboots, obeys=False, survivable=False),
     Fault("status says watchdog", "The board says that its watchdog has latched.", GROUP,
-          partial(says, change=lambda told: replace(told, faults=protocol.Fault.WATCHDOG))),
+          partial(says, change=lambda status: replace(status, faults=protocol.Fault.WATCHDOG))),
     Fault("status says not armed", "The board says that it is not armed.", GROUP,
-          partial(says, change=lambda told: replace(told, armed=False))),
+          partial(says, change=lambda status: replace(status, armed=False))),
     Fault("deadman latches", "The board's deadman ramps to idle though commands come.", GROUP,
           deadman, obeys=False, survivable=False),
     Fault("step count frozen", "The board's step count stays what it is.", GROUP, freezes_steps),
@@ -83,6 +85,6 @@ FAULTS = (
     Fault("carriage blocked", "The carriage stands still while its steps are counted.", GROUP,
           blocks_carriage),
     Fault("battery reads 0 V", "The board measures no battery any more.", GROUP,
-          partial(says, change=lambda told: replace(told, battery_mv=0)),
+          partial(says, change=lambda status: replace(status, battery_mv=0)),
           rig={"battery": {"has_divider": True}}),
 )  # fmt: skip

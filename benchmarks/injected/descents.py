@@ -41,7 +41,7 @@ def summed_up(flights: Sequence[Flown]) -> list[dict[str, Any]]:
     return [
         {"fault": fault, "wake_factor": factor} | _row(ones)
         for fault, factor in itertools.product(FAULTS, WAKE_FACTORS)
-        if (ones := [one for one in flights if _is(one.case, fault, factor)])
+        if (ones := [flight for flight in flights if _is(flight.case, fault, factor)])
     ]
 
 
@@ -50,15 +50,15 @@ def _is(case: Case, fault: str, wake_factor: float) -> bool:
 
 
 def _row(flights: Sequence[Flown]) -> dict[str, Any]:
-    lower_mps = [one.lower_mps for one in flights]
+    lower_mps = [flight.lower_mps for flight in flights]
     return {
         "flights": len(flights),
-        "unsafe": sum(is_unsafe(one) for one in flights),
+        "unsafe": sum(is_unsafe(flight) for flight in flights),
         "median_lower_mps": round(float(np.median(lower_mps)), 3),
         "p95_lower_mps": round(float(np.quantile(lower_mps, 0.95)), 3),
         "worst_lower_mps": round(max(lower_mps), 3),
-        "worst_upper_mps": round(max(one.upper_mps for one in flights), 3),
-        "highest_m": round(max(one.height_m for one in flights), 3),
+        "worst_upper_mps": round(max(flight.upper_mps for flight in flights), 3),
+        "highest_m": round(max(flight.height_m for flight in flights), 3),
     }
 
 

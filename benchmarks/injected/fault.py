@@ -41,7 +41,7 @@ class Scene:
     def later(self, seconds: float, act: Callable[[], None]) -> None:
         """Do something so long after the fault began."""
         self.to_come.append((self.begins_s + seconds, act))
-        self.to_come.sort(key=lambda one: one[0])
+        self.to_come.sort(key=lambda event: event[0])
 
     def let_happen(self, t_s: float) -> None:
         """Do what is to be done by now."""

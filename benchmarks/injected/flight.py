@@ -187,7 +187,11 @@ def _is_idle(plant: FaultyPlant) -> bool:
 
 
 def _hardest(plant: FaultyPlant, stop: str, since_s: float) -> float:
-    met = [one.speed_mps for one in plant.contacts if one.stop == stop and one.t_s > since_s]
+    met = [
+        contact.speed_mps
+        for contact in plant.contacts
+        if contact.stop == stop and contact.t_s > since_s
+    ]
     return max(met, default=0.0)
 
 

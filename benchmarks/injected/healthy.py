@@ -34,24 +34,26 @@ def _case(wake: tuple[float, float], seed: int, package: Path | None) -> Case:
 def summed_up(wake: str, flights: Sequence[Flown]) -> list[dict[str, Any]]:
     """A row for each pilot: endings, and how long flights were without their package."""
     by_pilot: dict[str, list[Flown]] = {}
-    for one in flights:
-        by_pilot.setdefault(one.case.pilot, []).append(one)
+    for flight in flights:
+        by_pilot.setdefault(flight.case.pilot, []).append(flight)
     return [{"wake": wake, "pilot": pilot} | _row(ones) for pilot, ones in by_pilot.items()]
 
 
 def _row(flights: Sequence[Flown]) -> dict[str, Any]:
-    flying_s = sum(one.case.moment.seconds for one in flights)
-    degraded_s = [one.degraded_for_s for one in flights]
+    flying_s = sum(flight.case.moment.seconds for flight in flights)
+    degraded_s = [flight.degraded_for_s for flight in flights]
     return {
         "flights": len(flights),
-        "ended_early": sum(one.ended != "whole" for one in flights),
-        "endings": dict(Counter(one.ended for one in flights).most_common()),
+        "ended_early": sum(flight.ended != "whole" for flight in flights),
+        "endings": dict(Counter(flight.ended for flight in flights).most_common()),
         "degraded_flights": sum(seconds > 0.0 for seconds in degraded_s),
         "degraded_share": round(sum(degraded_s) / flying_s, 6),
-        "unsafe": sum(is_unsafe(one) for one in flights),
-        "worst_lower_mps": round(max(one.lower_mps for one in flights), 3),
-        "worst_upper_mps": round(max(one.upper_mps for one in flights), 3),
-        "early": [_early(one) for one in flights if one.ended != "whole" or is_unsafe(one)],
+        "unsafe": sum(is_unsafe(flight) for flight in flights),
+        "worst_lower_mps": round(max(flight.lower_mps for flight in flights), 3),
+        "worst_upper_mps": round(max(flight.upper_mps for flight in flights), 3),
+        "early": [
+            _early(flight) for flight in flights if flight.ended != "whole" or is_unsafe(flight)
+        ],
     }
 
 

@@ -29,7 +29,7 @@ def stuck(scene: Scene) -> None:
 def battery_pulled(scene: Scene) -> None:
     """Both motors stop, and the board measures that the battery is gone."""
     pins(scene, drive=lambda idle, full, source, sufferer: (idle, idle))
-    scene.world.board.status = lambda told: replace(told, battery_mv=0)
+    scene.world.board.status = lambda status: replace(status, battery_mv=0)
 
 
 def _fault(name: str, sentence: str, begin: Callable[[Scene], None]) -> Fault:

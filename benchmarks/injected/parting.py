@@ -28,16 +28,16 @@ def fly_all(cases: Sequence[Case]) -> list[Flown]:
     except Parted:
         pass
     except BaseException:
-        if parting.own is not None:
+        if parting.own_case is not None:
             traceback.print_exc()
             os._exit(1)
         raise
     else:
-        if parting.own is not None:
+        if parting.own_case is not None:
             parting.tell(result)
-    if len(parting.told) < len(cases):
-        raise RuntimeError(f"{cases[len(parting.told)]}: was not flown to its end.")
-    return parting.told
+    if len(parting.results) < len(cases):
+        raise RuntimeError(f"{cases[len(parting.results)]}: was not flown to its end.")
+    return parting.results
 
 
 class _Parting:
@@ -45,8 +45,8 @@ class _Parting:
 
     def __init__(self, scene: Scene, cases: Sequence[Case]) -> None:
         self._scene, self._cases = scene, cases
-        self.told: list[Flown] = []
-        self.own: Case | None = None
+        self.results: list[Flown] = []
+        self.own_case: Case | None = None
         self._pipe = -1
 
     def part(self) -> None:
@@ -55,7 +55,7 @@ class _Parting:
             reading, self._pipe = os.pipe()
             child = os.fork()
             if child == 0:
-                self.own = case
+                self.own_case = case
                 break_it(self._scene, case.fault)
                 return
             os.close(self._pipe)
@@ -64,13 +64,13 @@ class _Parting:
             os.waitpid(child, 0)
             if not data:
                 break
-            self.told.append(pickle.loads(data))
+            self.results.append(pickle.loads(data))
         self._scene.world.on_step = lambda t_s: None
         raise Parted
 
     def tell(self, result: Flown) -> NoReturn:
         """Give the original this copy's result, and end the copy."""
-        assert self.own is not None
+        assert self.own_case is not None
         with os.fdopen(self._pipe, "wb") as pipe:
-            pickle.dump(replace(result, case=self.own), pipe)
+            pickle.dump(replace(result, case=self.own_case), pipe)
         os._exit(0)

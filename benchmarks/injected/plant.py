@@ -36,10 +36,10 @@ def thrusts(scene: Scene, *, factor: float) -> None:
 def sags(scene: Scene, *, per_s: float) -> None:
     """Both motors give less and less, down to half."""
 
-    def left(t_s: float) -> float:
+    def thrust_share(t_s: float) -> float:
         return max(0.5, 1.0 - per_s * (t_s - scene.begins_s))
 
-    scene.world.plant.source_share = scene.world.plant.sufferer_share = left
+    scene.world.plant.source_share = scene.world.plant.sufferer_share = thrust_share
 
 
 def wake_grows(scene: Scene, *, factor: float) -> None:

@@ -66,7 +66,7 @@ def jumps(scene: Scene, *, by_m: float) -> None:
 
 def noisy(scene: Scene, *, sd_m: float) -> None:
     """Each range has more noise."""
-    changes(scene, change=lambda one: moved(one, sd_m * float(scene.rng.standard_normal())))
+    changes(scene, change=lambda reading: moved(reading, sd_m * float(scene.rng.standard_normal())))
 
 
 def strays(scene: Scene, *, share: float) -> None:
@@ -96,7 +96,7 @@ def drifts(scene: Scene, *, metres_per_s: float) -> None:
 
 def scaled(scene: Scene, *, factor: float) -> None:
     """Each range is too long or too short by a factor."""
-    changes(scene, change=lambda one: replace(one, range_mm=factor * one.range_mm))
+    changes(scene, change=lambda reading: replace(reading, range_mm=factor * reading.range_mm))
 
 
 def hand(scene: Scene, *, at_m: float) -> None:
@@ -104,8 +104,8 @@ def hand(scene: Scene, *, at_m: float) -> None:
     noise_mm = 1e3 * scene.rig.range_sensor.noise_m
     changes(
         scene,
-        change=lambda one: replace(
-            one, range_mm=round(1e3 * at_m + noise_mm * float(scene.rng.standard_normal()))
+        change=lambda reading: replace(
+            reading, range_mm=round(1e3 * at_m + noise_mm * float(scene.rng.standard_normal()))
         ),
     )
 
@@ -114,7 +114,10 @@ def stamps_jump(scene: Scene, *, seconds: float) -> None:
     """Each time stamp is off by the same."""
     by_us = int(1e6 * seconds)
     changes(
-        scene, change=lambda one: replace(one, sensor_time_us=max(0, one.sensor_time_us + by_us))
+        scene,
+        change=lambda reading: replace(
+            reading, sensor_time_us=max(0, reading.sensor_time_us + by_us)
+        ),
     )
 
 

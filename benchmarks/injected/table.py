@@ -24,15 +24,15 @@ def is_unsafe(flown: Flown, lower_mps: float = LOWER_MPS) -> bool:
 def by_fault(flights: Iterable[Flown]) -> list[Row]:
     """A row for each fault that was flown, in the catalogue's order."""
     flown: dict[str, list[Flown]] = {}
-    for one in flights:
-        flown.setdefault(one.case.fault, []).append(one)
+    for flight in flights:
+        flown.setdefault(flight.case.fault, []).append(flight)
     return [_summed_up(name, flown[name]) for name in FAULTS if name in flown]
 
 
 def _summed_up(name: str, flights: Sequence[Flown]) -> Row:
     fault = FAULTS[name]
-    unsafe = [one for one in flights if is_unsafe(one)]
-    detected = [one.detected_s for one in flights if one.detected_s is not None]
+    unsafe = [flight for flight in flights if is_unsafe(flight)]
+    detected = [flight.detected_s for flight in flights if flight.detected_s is not None]
     return {
         "fault": name,
         "group": fault.group,
@@ -40,35 +40,35 @@ def _summed_up(name: str, flights: Sequence[Flown]) -> Row:
         "survivable": fault.survivable,
         "flights": len(flights),
         "unsafe": len(unsafe),
-        "unsafe_by_pilot": dict(Counter(one.case.pilot for one in unsafe)),
-        "unsafe_above_1_5_mps": sum(is_unsafe(one, FORMER_LOWER_MPS) for one in flights),
-        "worst_lower_mps": _rounded(max(one.lower_mps for one in flights)),
-        "worst_upper_mps": _rounded(max(one.upper_mps for one in flights)),
-        "not_idle": sum(not one.is_idle for one in flights),
-        "not_whole": sum(not one.is_whole for one in flights),
-        "worst_reach_m": _rounded(max(one.reach_m for one in flights)),
+        "unsafe_by_pilot": dict(Counter(flight.case.pilot for flight in unsafe)),
+        "unsafe_above_1_5_mps": sum(is_unsafe(flight, FORMER_LOWER_MPS) for flight in flights),
+        "worst_lower_mps": _rounded(max(flight.lower_mps for flight in flights)),
+        "worst_upper_mps": _rounded(max(flight.upper_mps for flight in flights)),
+        "not_idle": sum(not flight.is_idle for flight in flights),
+        "not_whole": sum(not flight.is_whole for flight in flights),
+        "worst_reach_m": _rounded(max(flight.reach_m for flight in flights)),
         "detected": len(detected),
         "median_detection_s": _rounded(statistics.median(detected)) if detected else None,
-        "endings": dict(Counter(one.ended for one in flights).most_common()),
+        "endings": dict(Counter(flight.ended for flight in flights).most_common()),
     }
 
 
 def unsafe_rows(flights: Iterable[Flown]) -> dict[str, list[str]]:
     """By fault, a line of `COLUMNS` for each unsafe flight that some command could have saved."""
     found: dict[str, list[str]] = {}
-    for one in flights:
-        if is_unsafe(one) and FAULTS[one.case.fault].survivable:
-            found.setdefault(one.case.fault, []).append(_unsafe_line(one))
+    for flight in flights:
+        if is_unsafe(flight) and FAULTS[flight.case.fault].survivable:
+            found.setdefault(flight.case.fault, []).append(_unsafe_line(flight))
     return found
 
 
 def _unsafe_line(flown: Flown) -> str:
     speeds = (f"{speed:.2f}" for speed in (flown.lower_mps, flown.upper_mps))
     times_s = (flown.detected_s, flown.degraded_s, flown.failsafe_s)
-    told = ("-" if time_s is None else f"{time_s:.2f}" for time_s in times_s)
+    times = ("-" if time_s is None else f"{time_s:.2f}" for time_s in times_s)
     idle = "" if flown.is_idle else ", motors turn"
     case = flown.case
-    return ", ".join((case.moment.phase, case.pilot, *speeds, *told, flown.ended)) + idle
+    return ", ".join((case.moment.phase, case.pilot, *speeds, *times, flown.ended)) + idle
 
 
 def printed(rows: Iterable[Row]) -> str:

@@ -174,7 +174,7 @@ class FaultyGantry(SimulatedGantry):
         self.ranges = FaultyRanges(self)
         plant = FaultyPlant(truth, seed=seed, wake_factor=wake_factor)
         super().__init__(plant, truth=truth, seed=seed, port=self.board)
-        self._told = plant.range_sample()
+        self._last_sample = plant.range_sample()
         self.sample = self._sensed = super().newest
         self.on_step: Callable[[float], None] = lambda t_s: None
         plant.before_step, plant.after_step = self._before_step, self._look
@@ -229,11 +229,11 @@ class FaultyGantry(SimulatedGantry):
 
     def _look(self, t_s: float) -> None:
         """Take in a sample as soon as the plant has one, as a sensor with this fault tells it."""
-        if self.plant.range_sample() is not self._told:
-            self._told = self.plant.range_sample()
+        if self.plant.range_sample() is not self._last_sample:
+            self._last_sample = self.plant.range_sample()
             self.sample = reading = super().newest
             made = [(0.0, reading)] if self.sense is None else self.sense(reading, t_s)
-            self._samples += [(t_s + late_s, one) for late_s, one in made]
+            self._samples += [(t_s + late_s, sensed) for late_s, sensed in made]
         while self._samples and self._samples[0][0] <= t_s:
             self._sensed = self._samples.popleft()[1]
 

@@ -38,7 +38,7 @@ def main() -> None:
     minutes = round((time.monotonic() - began_s) / 60.0, 1)
     if options.json:
         records.write(options.json, {"seed": options.seed, "minutes": minutes} | result)
-    found = [one for kind in KINDS for row in result[kind] for one in row["found"]]
+    found = [problem for kind in KINDS for row in result[kind] for problem in row["found"]]
     print(f"{len(found)} things are not as they should be, in {minutes} min.")
     sys.exit(1 if found else 0)
 
@@ -87,7 +87,7 @@ def _count(whole: int, kind: str, case: Case, chosen: list[Case]) -> int:
     """How often a command is disturbed in this way, at least once of all that are asked for."""
     if kind not in case.kinds or not whole:
         return 0
-    others = sum(one.share for one in chosen if kind in one.kinds)
+    others = sum(chosen_case.share for chosen_case in chosen if kind in chosen_case.kinds)
     return max(1, round(whole * case.share / others))
 
 

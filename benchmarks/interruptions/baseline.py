@@ -21,7 +21,7 @@ class Baseline:
     begins_s: float
     files: int
     bytes: int
-    told: Any
+    result: Any
 
 
 class Place:
@@ -53,7 +53,7 @@ def measured(case: Case, work: Path) -> Baseline:
         if ended.status != 0 or broken or ended.children_s is None:
             raise RuntimeError(f"{case.name} fails undisturbed: {broken} {ended.stderr}")
         used = sum(p.stat().st_size for p in place.folder.rglob("*") if p.is_file())
-        return Baseline(ended.seconds, begins_s, ended.files, used, case.told(place.folder))
+        return Baseline(ended.seconds, begins_s, ended.files, used, case.read_result(place.folder))
 
 
 def _begins_s(work: Path) -> float:

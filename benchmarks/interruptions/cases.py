@@ -35,14 +35,14 @@ Words = list[str | Path]
 class Case:
     """A command in an empty folder.
 
-    `told` is what it comes to, of two runs the same. `share` is how often it is disturbed beside
-    the others, `kinds` how. `other` are arguments of a second process on the same output. An
+    `read_result` reads what it comes to, of two runs the same. `share` is how often it is disturbed
+    beside the others, `kinds` how. `other` are arguments of a second process on the same output. An
     `endless` command is not waited for.
     """
 
     name: str
     arguments: Words
-    told: Callable[[Path], Any]
+    read_result: Callable[[Path], Any]
     share: float
     other: Words | None = None
     endless: bool = False
@@ -192,14 +192,14 @@ def deploying(world: World, folder: Path) -> Iterator[Case]:
         words: Words = ["deploy", "rig", world.path("package.onnx"), "-F", rig.config]
         words += ["--directory", rig.site, "--command", rig.command]
 
-        def told(_: Path) -> Any:
+        def read_links(_: Path) -> Any:
             """Where the links lead; what they lead to has to pass its reader."""
             links = rig.links()
             for link in links:
                 read_package(rig.site / f"{link}.onnx")
             return links
 
-        yield Case("deploy", words, told, 10, kinds=("kills", "requests", "twice"))
+        yield Case("deploy", words, read_links, 10, kinds=("kills", "requests", "twice"))
 
 
 def _flight(rig: str, seed: int) -> list[str]:
@@ -214,10 +214,10 @@ def _swaps(folder: Path) -> None:
     widths = {"pos": 3, "vel": 3, "acc": 3, "motor_thrust": 4, "pwm": 4}
     for flight in range(5):
         columns = {"t": 0.01 * np.arange(n)}
-        for one in "ab":
-            columns |= {f"{one}_{k}": 0.1 * rng.random((n, w)) for k, w in widths.items()}
-            columns[f"{one}_quat_xyzw"] = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
-            columns[f"{one}_vbat"] = np.full(n, 3.7)
+        for drone in "ab":
+            columns |= {f"{drone}_{k}": 0.1 * rng.random((n, w)) for k, w in widths.items()}
+            columns[f"{drone}_quat_xyzw"] = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
+            columns[f"{drone}_vbat"] = np.full(n, 3.7)
         np.savez(folder / f"swap_ss_{flight}.npz", **columns)
 
 
@@ -239,15 +239,15 @@ def _without_times(value: Any) -> Any:
 
 def _preset(folder: Path) -> Any:
     """What a study found, and its run; a trial that was begun again has another number."""
-    told = tomllib.loads((folder / "tuned" / "best.toml").read_text("utf-8"))
-    error = told.pop("study")["validation_error"]
-    return [told, error, _runs(folder / "tuned")]
+    preset = tomllib.loads((folder / "tuned" / "best.toml").read_text("utf-8"))
+    error = preset.pop("study")["validation_error"]
+    return [preset, error, _runs(folder / "tuned")]
 
 
 def _trials(folder: Path) -> Any:
     """How many trials a study counts; which comes first is chance with two workers."""
-    told = tomllib.loads((folder / "tuned" / "best.toml").read_text("utf-8"))
-    return told["study"]["trials"]
+    preset = tomllib.loads((folder / "tuned" / "best.toml").read_text("utf-8"))
+    return preset["study"]["trials"]
 
 
 def _rows(folder: Path) -> Any:
@@ -258,9 +258,9 @@ def _rows(folder: Path) -> Any:
 
 def _gap(folder: Path) -> Any:
     steps = ("find", "name", "show", "result")
-    told = {step: _timeless(folder / "gap" / f"{step}.json") for step in steps}
+    by_step = {step: _timeless(folder / "gap" / f"{step}.json") for step in steps}
     page = (folder / "gap" / "report.html").read_bytes()
-    return [told, sha256_of(page)]
+    return [by_step, sha256_of(page)]
 
 
 def _package(folder: Path) -> Any:

@@ -32,14 +32,18 @@ class Row:
             "let_through": self.let_through,
             "longest_children_s": round(self.longest_children_s, 2),
             "unfinished_bytes": self.unfinished,
-            **{name: len(told) for name, told in self.found.items()},
-            "found": [f"{name}: {one}" for name, told in self.found.items() for one in told],
+            **{name: len(problems) for name, problems in self.found.items()},
+            "found": [
+                f"{name}: {problem}"
+                for name, problems in self.found.items()
+                for problem in problems
+            ],
         }
 
     def judge_files(self, folder: Path, ended: Ended, done: list[str]) -> None:
         """Every file is whole, no process is left, nothing hung."""
         broken = broken_files(folder)
-        self.found["broken"] += [f"{one} after {', '.join(done)}" for one in broken]
+        self.found["broken"] += [f"{problem} after {', '.join(done)}" for problem in broken]
         if ended.children_s is None:
             self.found["left_behind"].append(f"children after {', '.join(done)}")
         else:
@@ -56,20 +60,22 @@ class Row:
             self.found["not_done"].append(f"after {', '.join(done)}: {ended.stderr[-3000:]}")
             return
         try:
-            told = case.told(folder)
+            result = case.read_result(folder)
         except Exception as error:  # any failure to read what should be there
             self.found["other"].append(f"after {', '.join(done)}: {error!r}")
             return
-        if told != base.told:
-            self.found["other"].append(f"after {', '.join(done)}: {_difference(base.told, told)}")
+        if result != base.result:
+            self.found["other"].append(
+                f"after {', '.join(done)}: {_difference(base.result, result)}"
+            )
 
 
-def _difference(wanted: Any, told: Any, where: str = "") -> str:
+def _difference(wanted: Any, result: Any, where: str = "") -> str:
     """The first place where two results differ."""
-    if isinstance(wanted, dict) and isinstance(told, dict) and wanted.keys() == told.keys():
-        pairs = [(key, wanted[key], told[key]) for key in wanted]
-    elif isinstance(wanted, list) and isinstance(told, list) and len(wanted) == len(told):
-        pairs = list(zip(range(len(told)), wanted, told, strict=True))
+    if isinstance(wanted, dict) and isinstance(result, dict) and wanted.keys() == result.keys():
+        pairs = [(key, wanted[key], result[key]) for key in wanted]
+    elif isinstance(wanted, list) and isinstance(result, list) and len(wanted) == len(result):
+        pairs = list(zip(range(len(result)), wanted, result, strict=True))
     else:
-        return f"{where}: {str(told)[:200]}, not {str(wanted)[:200]}"
+        return f"{where}: {str(result)[:200]}, not {str(wanted)[:200]}"
     return next(_difference(w, t, f"{where}/{key}") for key, w, t in pairs if w != t)

@@ -91,11 +91,11 @@ class Command:
         children_s = self._children_s()
         files = self._counts.stat().st_size
         at = self._stroke.at_file if self._stroke else None
-        told = [path.read_text(errors="replace") for path in (self._out, self._err)]
+        outputs = [path.read_text(errors="replace") for path in (self._out, self._err)]
         for path in (self._counts, self._out, self._err):
             path.unlink()
         struck = struck or (at is not None and files >= at)
-        return Ended(self._process.returncode, *told, seconds, children_s, struck, hung, files)
+        return Ended(self._process.returncode, *outputs, seconds, children_s, struck, hung, files)
 
     def _struck_in_time(self) -> bool:
         if self._stroke is None or self._stroke.after_s is None:
@@ -115,22 +115,22 @@ class Command:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(_LOOK_AT_WORK_S)
                 return False
-            now_s = sum(map(_computed_s, self._left()))
+            now_s = sum(map(_computed_s, self._marked_pids()))
             if now_s != computed_s:
                 computed_s, since_s = now_s, time.monotonic()
         return True
 
     def _children_s(self) -> float | None:
         began_s = time.monotonic()
-        while left := self._left():
+        while pids := self._marked_pids():
             if time.monotonic() - began_s > CHILDREN_LIMIT_S:
-                for pid in left:
+                for pid in pids:
                     os.kill(pid, signal.SIGKILL)
                 return None
             time.sleep(_LOOK_S)
         return time.monotonic() - began_s
 
-    def _left(self) -> list[int]:
+    def _marked_pids(self) -> list[int]:
         """Processes that carry this command's mark."""
         mark = f"{_MARK}={self._mark}".encode()
         return [int(p.name) for p in Path("/proc").glob("[0-9]*") if mark in _environ(p)]

@@ -107,7 +107,9 @@ def _is_after(case: Case, base: Baseline, place: Place, ended: Ended) -> bool:
     if ended.status >= 0 or ended.stderr.rstrip().endswith("Interrupted.") or case.endless:
         return False
     try:
-        return bool(case.told(place.folder) == base.told) and "Traceback" not in ended.stderr
+        return (
+            bool(case.read_result(place.folder) == base.result) and "Traceback" not in ended.stderr
+        )
     except Exception:  # any failure to read what is not there
         return False
 

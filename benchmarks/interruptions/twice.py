@@ -23,9 +23,9 @@ def doubled(case: Case, base: Baseline, work: Path, count: int, seed: str) -> di
     """
     rng, row = random.Random(f"{seed} {case.name} twice"), Row(case.name)
     second = replace(case, arguments=case.other) if case.other is not None else case
-    wanted = [base.told]
+    wanted = [base.result]
     if case.other is not None and count:
-        wanted.append(measured(second, work).told)
+        wanted.append(measured(second, work).result)
     for _ in range(count):
         later_s = rng.choice((0.0, rng.uniform(0.0, 0.9 * base.seconds)))
         with Place(work) as place:
@@ -66,15 +66,15 @@ def _judge(
             row.found["answer"].append(f"status {ended.status} after {done[0]}: {ended.stderr}")
     row.let_through += sum(ended.status == 0 for ended in pair)
     try:
-        told = case.told(place.folder)
+        result = case.read_result(place.folder)
     except Exception as error:  # any failure to read what should be there
         row.found["other"].append(f"after {done[0]}: {error!r}")
         return
-    if told not in wanted:
+    if result not in wanted:
         row.found["other"].append(f"after {done[0]}: neither the one nor the other")
 
 
 def _is_refused(ended: Ended) -> bool:
     """In one sentence that says what to do."""
-    told = [line for line in ended.stderr.splitlines() if line.startswith("Error: ")]
-    return ended.status in (1, 2) and len(told) == 1 and "; " in told[0]
+    error_lines = [line for line in ended.stderr.splitlines() if line.startswith("Error: ")]
+    return ended.status in (1, 2) and len(error_lines) == 1 and "; " in error_lines[0]

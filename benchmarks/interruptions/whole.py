@@ -85,8 +85,8 @@ def _lines(path: Path) -> None:
 
 
 def _toml(path: Path) -> None:
-    told = tomllib.loads(path.read_text("utf-8"))
-    if "arch" in told:
+    document = tomllib.loads(path.read_text("utf-8"))
+    if "arch" in document:
         read_preset(path)
     else:
         read_rig(path)

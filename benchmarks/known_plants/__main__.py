@@ -33,9 +33,9 @@ def answered(case: Case) -> Row:
     began_s = time.process_time()
     model = LogModel(checked(plant.system()), [recording])
     base = fitted_base(model)
-    told = named(model, base)
+    naming = named(model, base)
     seconds = time.process_time() - began_s
-    document = answer_of(model, told)
+    document = answer_of(model, naming)
     names = [e.name for e in document.effects]
     answer = {"verdict": document.verdict, "named": names, "class": document.rivals}
     leading = document.rounds[0].ranking[:3] if document.rounds else []
@@ -48,7 +48,7 @@ def answered(case: Case) -> Row:
             e.model_dump(include={"name", "gain_nats", "interval", "judged", "forecast"})
             for e in leading
         ],
-        "removed": before_after(model, told.base, told.found).removed.model_dump(),
+        "removed": before_after(model, naming.base, naming.found).removed.model_dump(),
         "seconds": seconds,
     }
 
@@ -85,18 +85,18 @@ def main(out: Path, part: tuple[int, int], record: Path | None) -> None:
     """Print each answer, and the counts of all that the folder has."""
     out.mkdir(parents=True, exist_ok=True)
     kept = out / "answers.jsonl"
-    known = {one["case"]: one for one in read_json_lines(kept) if one["commit"] == COMMIT}
+    known = {row["case"]: row for row in read_json_lines(kept) if row["commit"] == COMMIT}
     for case in CASES[part[0] :: part[1]]:
         if case.name not in known:
             known[case.name] = {"commit": COMMIT, **answered(case)}
             append_json_line(kept, known[case.name])
             click.echo(_line(known[case.name]))
     rows = [known[case.name] for case in CASES if case.name in known]
-    told = counted(rows)
-    click.echo(json.dumps(told))
+    counts = counted(rows)
+    click.echo(json.dumps(counts))
     if record is not None:
         kept_rows = [{k: v for k, v in row.items() if k != "commit"} for row in rows]
-        write(record, {"counts": told, "rows": kept_rows})
+        write(record, {"counts": counts, "rows": kept_rows})
 
 
 def _line(row: Row) -> str:

@@ -82,7 +82,7 @@ def _with_hidden() -> list[Case]:
 
 def _without() -> list[Case]:
     """Every plant under every drive, with nothing hidden."""
-    plants = tuple(dict.fromkeys(one[0] for one in _HIDDEN))
+    plants = tuple(dict.fromkeys(hidden_case[0] for hidden_case in _HIDDEN))
     return [
         Case(plant, drive, coloured=bool((i + j) % 2), seed=7000 + 100 * i + j)
         for i, plant in enumerate(plants)

@@ -125,8 +125,8 @@ def _run(elf: Path, mcu: Mcu, flash: int, ram: int, outputs: int) -> OnAvr:
     if ram + stack > mcu.ram:
         return OnAvr(flash, ram + stack, why_not="its stack meets its data")
     force: FloatArray = np.frombuffer(bytes.fromhex(found[4].replace(" ", "")), "<f4")
-    told = tuple(float(value) for value in force[:outputs])
-    return OnAvr(flash, ram + stack, int(found[2]), told)
+    forces = tuple(float(value) for value in force[:outputs])
+    return OnAvr(flash, ram + stack, int(found[2]), forces)
 
 
 def _called(command: Sequence[str]) -> "subprocess.CompletedProcess[str]":

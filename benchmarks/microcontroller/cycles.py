@@ -87,12 +87,12 @@ def _registers(operands: str) -> int:
 
 
 def _disassembled(elf: Path) -> dict[int, tuple[str, str]]:
-    told = subprocess.run(
+    listing = subprocess.run(
         ["arm-none-eabi-objdump", "-d", "--no-show-raw-insn", str(elf)],
         capture_output=True, text=True, check=True,
     ).stdout  # fmt: skip
     code = {}
-    for line in told.splitlines():
+    for line in listing.splitlines():
         found = re.match(r"\s+([0-9a-f]+):\t(\S+)\s*(.*)$", line)
         if found:
             code[int(found[1], 16)] = (found[2], found[3])

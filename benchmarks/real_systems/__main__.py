@@ -26,17 +26,26 @@ def run(cases: Sequence[Case], parts: Sequence[str], out: Path) -> dict[Key, dic
     out.mkdir(parents=True, exist_ok=True)
     kept = out / "answers.jsonl"
     known = {
-        (one["case"], one["part"]): one for one in read_json_lines(kept) if one["commit"] == COMMIT
+        (row["case"], row["part"]): row for row in read_json_lines(kept) if row["commit"] == COMMIT
     }
     for case in cases:
         for part in parts:
             if (case.name, part) in known or (part == "in" and case.added is None):
                 continue
-            told = {"case": case.name, "part": part, "commit": COMMIT, **_answered(case, part)}
-            append_json_line(kept, told)
-            known[case.name, part] = told
-            said = ", ".join(sorted(answers(told))) if "verdict" in told else told["refused"]
-            click.echo(f"{case.name}, {part}: {told.get('verdict', 'refused')} {said}")
+            part_answer = {
+                "case": case.name,
+                "part": part,
+                "commit": COMMIT,
+                **_answered(case, part),
+            }
+            append_json_line(kept, part_answer)
+            known[case.name, part] = part_answer
+            said = (
+                ", ".join(sorted(answers(part_answer)))
+                if "verdict" in part_answer
+                else part_answer["refused"]
+            )
+            click.echo(f"{case.name}, {part}: {part_answer.get('verdict', 'refused')} {said}")
     return known
 
 
@@ -48,9 +57,11 @@ def rows(cases: Sequence[Case], known: Mapping[Key, Mapping[str, Any]]) -> list[
 def _row(case: Case, known: Mapping[Key, Mapping[str, Any]]) -> dict[str, Any]:
     found = {p: known[case.name, p] for p in PARTS if (case.name, p) in known}
     row: dict[str, Any] = {"case": case.name, "expected": case.expected, "source": case.source}
-    row["answers"] = {p: {k: v for k, v in told.items() if k not in ("case", "part", "commit")}
-                      for p, told in found.items()}  # fmt: skip
-    usable = {p: told for p, told in found.items() if "verdict" in told}
+    row["answers"] = {
+        p: {k: v for k, v in part_answer.items() if k not in ("case", "part", "commit")}
+        for p, part_answer in found.items()
+    }
+    usable = {p: part_answer for p, part_answer in found.items() if "verdict" in part_answer}
     row["left_out"] = judged_left_out(case, usable["out"]) if "out" in usable else "refused"
     if "in" in found:
         row["left_in"] = judged_left_in(case, usable["in"]) if "in" in usable else "refused"
@@ -75,11 +86,11 @@ def main(out: Path, chosen: tuple[str, ...], parts: tuple[str, ...], record: Pat
     """Print each answer; write the record of all that the folder has."""
     cases = [c for c in CASES if not chosen or c.name in chosen]
     known = run(cases, parts or PARTS, out)
-    told = rows(CASES, known)
-    for row in told:
+    record_rows = rows(CASES, known)
+    for row in record_rows:
         click.echo(json.dumps({k: row.get(k) for k in ("case", "left_out", "left_in", "halves")}))
     if record is not None:
-        write(record, {"rows": told})
+        write(record, {"rows": record_rows})
 
 
 if __name__ == "__main__":

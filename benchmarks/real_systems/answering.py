@@ -37,14 +37,14 @@ def answer(case: Case, part: str) -> dict[str, Any]:
     began_s = time.process_time()
     model = LogModel(system_of(case, part), recordings_of(case, part))
     base = fitted_base(model)
-    told = named(model, base)
-    document = answer_of(model, told)
+    naming = named(model, base)
+    document = answer_of(model, naming)
     plain = document.as_json()
     kept = {key: plain[key] for key in ("verdict", "class", "effects", "unsettled")}
     return kept | {
         "threshold_nats": document.threshold_nats,
-        "leading": [_leading(one) for one in document.rounds[0].ranking[:LEADING]],
-        "errors": _errors(model, base, told.found),
+        "leading": [_leading(ranked) for ranked in document.rounds[0].ranking[:LEADING]],
+        "errors": _errors(model, base, naming.found),
         "samples": sum(log.outputs.shape[1] for log in model.logs),
         "rate_hz": model.system.rate_hz,
         "forecast_s": model.horizon * model.dt_s,
@@ -52,9 +52,9 @@ def answer(case: Case, part: str) -> dict[str, Any]:
     }
 
 
-def _leading(one: Ranked) -> dict[str, Any]:
+def _leading(ranked: Ranked) -> dict[str, Any]:
     """What an effect gains alone, and why it is not named."""
-    kept = {"judged": None, "forecast": None} | one.model_dump(exclude_none=True)
+    kept = {"judged": None, "forecast": None} | ranked.model_dump(exclude_none=True)
     del kept["parameters"]
     return kept
 
@@ -93,16 +93,16 @@ def recordings_of(case: Case, part: str) -> list[Recording]:
     units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
     columns = read_columns(EXAMPLES / case.columns)
     read = read_recordings([recordings_folder() / name for name in case.files], columns, units)
-    return [_cut(case, one, part) for one in read.recordings]
+    return [_cut(case, recording, part) for recording in read.recordings]
 
 
-def _cut(case: Case, one: Recording, part: str) -> Recording:
-    low, high = case.samples or (0, len(one.time_s))
-    high = min(high, len(one.time_s))
+def _cut(case: Case, recording: Recording, part: str) -> Recording:
+    low, high = case.samples or (0, len(recording.time_s))
+    high = min(high, len(recording.time_s))
     middle = (low + high) // 2
     low, high = {"first": (low, middle), "second": (middle, high)}.get(part, (low, high))
-    columns = {name: values[low:high] for name, values in one.columns.items()}
-    return Recording(one.name, one.time_s[: high - low], columns)
+    columns = {name: values[low:high] for name, values in recording.columns.items()}
+    return Recording(recording.name, recording.time_s[: high - low], columns)
 
 
 def recordings_folder() -> Path:
@@ -116,7 +116,7 @@ def _errors(model: LogModel, base: Fit, found: Fit) -> dict[str, dict[str, Any]]
     constant = np.array([f.name.startswith("constant.") for f in base.free])
     neutral = np.array([f.neutral for f in base.free])
     stated = replace(base, theta=np.where(constant, neutral, base.theta))
-    each = [errors(model, one, sealed) for one in (stated, base, found)]
+    each = [errors(model, fitted, sealed) for fitted in (stated, base, found)]
     return {
         name: {"stated": each[0][k], "fitted": each[1][k], "found": each[2][k], "unit": unit}
         for k, (name, unit) in enumerate(model.channels)

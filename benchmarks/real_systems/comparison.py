@@ -45,15 +45,19 @@ def compared(case: Case) -> dict[str, Any]:
     model = LogModel(system, recordings)
     base = fitted_base(model)
     sealed = model.sealed()
-    told = {"stated": errors(model, _stated(base), sealed), "fitted": errors(model, base, sealed)}
-    told["plain"] = errors(model, plain_fit(model, base), sealed)
+    errors_by_way = {
+        "stated": errors(model, _stated(base), sealed),
+        "fitted": errors(model, base, sealed),
+    }
+    errors_by_way["plain"] = errors(model, plain_fit(model, base), sealed)
     points, rates = corrections(model, base)
     for name, learn in (("pysindy", _sindy), ("network", _network)):
         hybrid = LogModel(_joined(system, model, _within(learn(points, rates), rates)), recordings)
-        told[name] = errors(hybrid, base, sealed)
+        errors_by_way[name] = errors(hybrid, base, sealed)
     return {
         "errors": {
-            channel: {name: _finite(values[k]) for name, values in told.items()} | {"unit": unit}
+            channel: {name: _finite(values[k]) for name, values in errors_by_way.items()}
+            | {"unit": unit}
             for k, (channel, unit) in enumerate(model.channels)
         },
         "forecast_s": model.horizon * model.dt_s,
@@ -114,8 +118,12 @@ def _rates(model: LogModel, states: FloatArray, inputs: FloatArray, c: Any) -> F
     u = system.point("input", dict(zip([i.name for i in system.inputs], inputs, strict=True)))
 
     def at(x: FloatArray) -> FloatArray:
-        told = system.rates(system.point("state", dict(zip(system.states, x, strict=True))), u, c)
-        rates = np.array([np.broadcast_to(np.squeeze(v), x.shape[1:]) for v in told.values()])
+        rates_by_state = system.rates(
+            system.point("state", dict(zip(system.states, x, strict=True))), u, c
+        )
+        rates = np.array(
+            [np.broadcast_to(np.squeeze(v), x.shape[1:]) for v in rates_by_state.values()]
+        )
         return (rates - x) / model.dt_s if system.has_step else rates
 
     first = at(states)
@@ -136,8 +144,8 @@ def _sindy(points: FloatArray, rates: FloatArray) -> Learnt:
     weights = np.asarray(optimizer.coef_)
 
     def learnt(at: FloatArray) -> FloatArray:
-        told = np.asarray(library.transform((at - centre) / size)) @ weights.T
-        return np.asarray(told * largest)
+        scaled_rates = np.asarray(library.transform((at - centre) / size)) @ weights.T
+        return np.asarray(scaled_rates * largest)
 
     return learnt
 
@@ -155,8 +163,8 @@ def _network(points: FloatArray, rates: FloatArray) -> Learnt:
         network.fit((points - centre) / size, targets if targets.shape[1] > 1 else targets[:, 0])
 
     def learnt(at: FloatArray) -> FloatArray:
-        told = np.asarray(network.predict((at - centre) / size)).reshape(len(at), -1)
-        return np.asarray(told * largest)
+        scaled_rates = np.asarray(network.predict((at - centre) / size)).reshape(len(at), -1)
+        return np.asarray(scaled_rates * largest)
 
     return learnt
 
@@ -174,15 +182,15 @@ def _joined(system: System, model: LogModel, learnt: Learnt) -> System:
     share = model.dt_s if system.has_step else 1.0
 
     def rates(self: System, state: Any, inputs: Any, c: Any) -> dict[str, Any]:
-        told = dict(getattr(cls, method)(self, state, inputs, c))
+        state_rates = dict(getattr(cls, method)(self, state, inputs, c))
         values = [getattr(state, n) for n in cls.states]
         values += [getattr(inputs, i.name) for i in cls.inputs]
         shape = np.broadcast_shapes(*(np.shape(v) for v in values))
         at = np.array([np.broadcast_to(v, shape).ravel() for v in values], dtype=float).T
         more = learnt(np.nan_to_num(np.clip(at, -1e12, 1e12)))
         for k, name in enumerate(driven):
-            told[name] = told[name] + share * more[:, k].reshape(shape)
-        return told
+            state_rates[name] = state_rates[name] + share * more[:, k].reshape(shape)
+        return state_rates
 
     joined: System = type(cls.__name__, (cls,), {method: rates})()
     return checked(joined)
@@ -204,17 +212,17 @@ def run(cases: Sequence[Case], out: Path) -> dict[str, dict[str, Any]]:
     """Every case's row by name; those that the present commit has are kept."""
     out.mkdir(parents=True, exist_ok=True)
     kept = out / "comparison.jsonl"
-    known = {one["case"]: one for one in read_json_lines(kept) if one["commit"] == COMMIT}
+    known = {row["case"]: row for row in read_json_lines(kept) if row["commit"] == COMMIT}
     for case in cases:
         if case.name in known:
             continue
         try:
-            told = compared(case)
+            result = compared(case)
         except UnusableInput as error:
-            told = {"refused": str(error)}
-        known[case.name] = {"case": case.name, "commit": COMMIT, **told}
+            result = {"refused": str(error)}
+        known[case.name] = {"case": case.name, "commit": COMMIT, **result}
         append_json_line(kept, known[case.name])
-        click.echo(f"{case.name}: {told.get('errors', told)}")
+        click.echo(f"{case.name}: {result.get('errors', result)}")
     return known
 
 

@@ -47,7 +47,7 @@ def answers(answer: Answer) -> set[str]:
 
 def agreement(first: Answer, second: Answer) -> str:
     """Of two halves: "same" names, some names in common, or "differ"."""
-    one, other = answers(first), answers(second)
-    if one == other:
+    first_names, second_names = answers(first), answers(second)
+    if first_names == second_names:
         return "same"
-    return "in part" if one & other else "differ"
+    return "in part" if first_names & second_names else "differ"

@@ -14,20 +14,20 @@ Row = Mapping[str, Any]
 
 def compared(records: Records) -> Section:
     """Held-out errors of every way, beside what was named."""
-    told = records.json(RECORD)
+    record = records.json(RECORD)
     answers = {row["case"]: row["answers"]["out"] for row in records.json(ANSWERS)["rows"]}
     head = ["recording", "output", "unit", "as stated", "plain fit", "PySINDy", "network",
             "with what was named", "named"]  # fmt: skip
-    lines = [line for row in told["rows"] for line in _lines(row, answers.get(row["case"], {}))]
+    lines = [line for row in record["rows"] for line in _lines(row, answers.get(row["case"], {}))]
     return Section(
         "Beside what people use today",
         "The same recordings and the same sealed blocks, by a least-squares fit, PySINDy and a "
         "small network.",
         paragraphs(
-            f"Of {len(answers)} recordings, {len(told['rows'])} were measured. Root mean "
+            f"Of {len(answers)} recordings, {len(record['rows'])} were measured. Root mean "
             "square of measured less forecast on sealed blocks. *Plain fit*: the "
             "textbook system's constants by least squares of its forecasts. *PySINDy* "
-            f"{told['pysindy']}: sparse polynomials of states and inputs for what the system "
+            f"{record['pysindy']}: sparse polynomials of states and inputs for what the system "
             "leaves of its rates. *Network*: two layers of 32 for the same; it names nothing. The "
             "best of a row is bold. *With what was named* is from the record above. A dash is a "
             "forecast that ran off, or a missing answer.",
@@ -40,17 +40,17 @@ def compared(records: Records) -> Section:
 def _lines(row: Row, answer: Row) -> list[list[str]]:
     if "refused" in row:
         return [[row["case"], "refused", *["–"] * 7]]
-    named = ", ".join(one["name"] for one in answer.get("effects", ())) or "nothing"
+    named = ", ".join(effect["name"] for effect in answer.get("effects", ())) or "nothing"
     return [
-        [row["case"], output, one["unit"],
-         *_numbers([*(one[way] for way in _WAYS), _found(answer, output)]), named]
-        for output, one in row["errors"].items()
+        [row["case"], output, errors["unit"],
+         *_numbers([*(errors[way] for way in _WAYS), _found(answer, output)]), named]
+        for output, errors in row["errors"].items()
     ]  # fmt: skip
 
 
 def _found(answer: Row, output: str) -> float | None:
-    told = answer.get("errors", {}).get(output, {})
-    return None if told.get("found") is None else float(told["found"])
+    errors = answer.get("errors", {}).get(output, {})
+    return None if errors.get("found") is None else float(errors["found"])
 
 
 def _numbers(values: list[float | None]) -> list[str]:

@@ -21,7 +21,9 @@ def on_a_chip(records: Records) -> Section:
     head = ("architecture", "weights", "flash [kB]", "RAM [kB]", "instructions", "estimated cycles",
             "at 168 MHz [ms]", "parity")  # fmt: skip
     gru = sizes["gru"]["float32"]
-    worst = max(max(one[kind]["parity"].values()) for one in sizes.values() for kind in one)
+    worst = max(
+        max(by_kind[kind]["parity"].values()) for by_kind in sizes.values() for kind in by_kind
+    )
     text = (
         f"The GRU of 71,000 weights takes an estimated {gru['ms']:.1f} ms and {_ram(gru):.1f} kB of"
         f" RAM. On both boards no model and no kind of weights differs by more than {worst:.0e}"
@@ -41,21 +43,21 @@ def on_a_chip(records: Records) -> Section:
     )
 
 
-def _chip_row(arch: str, kind: str, one: Mapping[str, Any]) -> list[str]:
+def _chip_row(arch: str, kind: str, footprint: Mapping[str, Any]) -> list[str]:
     return [
         arch,
         kind,
-        f"{one['flash'] / 1e3:.0f}",
-        f"{_ram(one):.1f}",
-        f"{one['instructions']:,}",
-        f"{one['cycles']:,}",
-        f"{one['ms']:.2f}",
-        f"{max(one['parity'].values()):.0e}",
+        f"{footprint['flash'] / 1e3:.0f}",
+        f"{_ram(footprint):.1f}",
+        f"{footprint['instructions']:,}",
+        f"{footprint['cycles']:,}",
+        f"{footprint['ms']:.2f}",
+        f"{max(footprint['parity'].values()):.0e}",
     ]
 
 
-def _ram(one: Mapping[str, Any]) -> float:
-    return float(one["state"] + one["stack"] + one["static_ram"]) / 1e3
+def _ram(footprint: Mapping[str, Any]) -> float:
+    return float(footprint["state"] + footprint["stack"] + footprint["static_ram"]) / 1e3
 
 
 def on_this_machine(records: Records) -> Section:
@@ -102,8 +104,8 @@ def on_this_machine(records: Records) -> Section:
     )
 
 
-def _ratio(one: Mapping[str, float]) -> float:
-    return one["c-float32"] / one["onnxruntime"]
+def _ratio(times: Mapping[str, float]) -> float:
+    return times["c-float32"] / times["onnxruntime"]
 
 
 def paced(records: Records) -> Section:
@@ -142,11 +144,11 @@ def _whole_tick(parts: Parts) -> str:
     """The long flight for a p99.9, where it has been measured."""
     if "tick" not in parts:
         return ""
-    (arch, one), *_ = parts["tick"].items()
+    (arch, tick), *_ = parts["tick"].items()
     return (
-        f"Over {one['ticks']:,} ticks with `--realtime` the whole tick of the {arch} in C takes"
-        f" {one['p50_ms']:.2f} ms at the median, {one['p999_ms']:.2f} ms at p99.9 and"
-        f" {one['max_ms']:.2f} ms at most; the process holds {one['rss_mb']:.0f} MB."
+        f"Over {tick['ticks']:,} ticks with `--realtime` the whole tick of the {arch} in C takes"
+        f" {tick['p50_ms']:.2f} ms at the median, {tick['p999_ms']:.2f} ms at p99.9 and"
+        f" {tick['max_ms']:.2f} ms at most; the process holds {tick['rss_mb']:.0f} MB."
     )
 
 
@@ -156,10 +158,10 @@ def on_an_avr(records: Records) -> Section:
     rows = []
     for arch in ARCHITECTURES:
         for kind in (*_KINDS, "small"):
-            one = avr[arch][kind]
-            shape = "reference" if kind != "small" else _shape(one["hyper"])
+            by_mcu = avr[arch][kind]
+            shape = "reference" if kind != "small" else _shape(by_mcu["hyper"])
             weights = kind if kind != "small" else "float32"
-            cells = [_fitted(one[mcu]) for mcu in ("ATmega328P", "ATmega2560")]
+            cells = [_fitted(by_mcu[mcu]) for mcu in ("ATmega328P", "ATmega2560")]
             if any(cell != "–" for cell in cells):
                 rows.append([arch, shape, weights, *cells])
     return Section(
@@ -176,7 +178,7 @@ def _shape(hyper: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in hyper.items())
 
 
-def _fitted(one: Mapping[str, Any]) -> str:
-    if one["why_not"]:
+def _fitted(on_mcu: Mapping[str, Any]) -> str:
+    if on_mcu["why_not"]:
         return "–"
-    return f"{one['ms']:.0f} ms, {one['flash'] / 1e3:.1f} kB, {one['ram'] / 1e3:.2f} kB"
+    return f"{on_mcu['ms']:.0f} ms, {on_mcu['flash'] / 1e3:.1f} kB, {on_mcu['ram'] / 1e3:.2f} kB"

@@ -15,8 +15,8 @@ NO_FAULT, ALL = "none", "all"
 
 def faults(records: Records) -> Section:
     """What is unsafe when something breaks, by group; what healthy flights suffer from it."""
-    told = _present(records, RECORDS)
-    newest = list(told.values())[-1]
+    campaigns = _present(records, RECORDS)
+    newest = list(campaigns.values())[-1]
     return Section(
         "Faults in flight",
         f"Simulated flights of {newest['seconds']:g} s in which one thing breaks, in "
@@ -24,7 +24,7 @@ def faults(records: Records) -> Section:
         "unsafe when the sufferer meets the lower stop faster than 1 m/s or the upper one faster "
         "than 0.5 m/s, or when a motor turns at the end.",
         paragraphs(
-            _groups(told),
+            _groups(campaigns),
             "The first campaign allowed 1.5 m/s at the lower stop. Other plants differ from the "
             "rig file as far as calibration leaves it. No command could save the flights of the "
             "last row. [results/faults.md](results/faults.md) has every fault.",
@@ -46,17 +46,17 @@ def _present(records: Records, names: Mapping[str, str]) -> dict[str, dict[str, 
     }
 
 
-def _groups(told: Mapping[str, Mapping[str, Any]]) -> str:
+def _groups(campaigns: Mapping[str, Mapping[str, Any]]) -> str:
     """Unsafe flights of all that could be saved, by group; one record beside the other."""
     columns = [
-        (when, plant) for when, result in told.items() for plant in PLANTS if plant in result
+        (when, plant) for when, result in campaigns.items() for plant in PLANTS if plant in result
     ]
     head = ["what breaks", "faults"]
     lines: dict[str, list[str]] = {}
     for when, plant in columns:
-        suffix = f", {when}" if len(told) > 1 else ""
+        suffix = f", {when}" if len(campaigns) > 1 else ""
         head += [f"unsafe, {PLANTS[plant]}{suffix}", f"above 1.5 m/s{suffix}"]
-        for name, rows in _by_group(told[when][plant]["faults"]).items():
+        for name, rows in _by_group(campaigns[when][plant]["faults"]).items():
             lines.setdefault(name, [name, str(len(rows))]).extend(_counted(rows))
     return table(head, lines.values())
 
@@ -75,29 +75,29 @@ def _counted(rows: Sequence[Row]) -> list[str]:
     return [f"{unsafe} of {flights}", str(sum(row["unsafe_above_1_5_mps"] for row in rows))]
 
 
-def _false_alarms(told: Mapping[str, Mapping[str, Any]]) -> str:
+def _false_alarms(campaigns: Mapping[str, Mapping[str, Any]]) -> str:
     """Healthy flights that were ended, or flown without their package."""
     lines = [
         [
             f"× {row['wake']}",
             row["pilot"],
-            *([when] if len(told) > 1 else []),
+            *([when] if len(campaigns) > 1 else []),
             str(row["flights"]),
             str(row["ended_early"]),
             str(row["unsafe"]),
             percent(row["degraded_share"], 2) if row["pilot"] != "PID" else "–",
         ]
-        for when, result in told.items()
+        for when, result in campaigns.items()
         for row in result["rows"]
     ]
     if not lines:
         return ""
-    moment = ["when"] if len(told) > 1 else []
+    moment = ["when"] if len(campaigns) > 1 else []
     head = ["wake", "pilot", *moment, "flights", "ended early", "unsafe", "time DEGRADED"]
     return paragraphs("Nothing breaks in the flights of this table.", table(head, sorted(lines)))
 
 
-def _blind(told: Mapping[str, Mapping[str, Any]]) -> str:
+def _blind(campaigns: Mapping[str, Mapping[str, Any]]) -> str:
     """How hard blind descents end, by what is gone and how strong the wake is."""
     lines = [
         [
@@ -106,7 +106,7 @@ def _blind(told: Mapping[str, Mapping[str, Any]]) -> str:
             f"{row['unsafe']} of {row['flights']}",
             *(f"{row[f'{name}_mps']:.2f}" for name in _LANDINGS),
         ]
-        for result in told.values()
+        for result in campaigns.values()
         for row in result["rows"]
     ]
     if not lines:
@@ -159,19 +159,21 @@ REASONS = {
 
 def page(records: Records) -> str:
     """Every fault of the newest record."""
-    told = list(_present(records, RECORDS).values())[-1]
+    newest = list(_present(records, RECORDS).values())[-1]
     return paragraphs(
         "# Faults in flight",
-        "Every fault begins in these phases: " + ", ".join(told["phases"]) + ".",
+        "Every fault begins in these phases: " + ", ".join(newest["phases"]) + ".",
         "*Noticed* is the median time until the loop names a fault or leaves its mode. Speeds are "
         "the hardest contacts with the stops. The carriage's column is how far it was from home, "
         "which counts for nothing in what is unsafe. A fault without a length lasts for ever.",
         *(
-            paragraphs(f"## {PLANTS[plant].capitalize()}", _all(told[plant]["faults"]))
+            paragraphs(f"## {PLANTS[plant].capitalize()}", _all(newest[plant]["faults"]))
             for plant in PLANTS
-            if plant in told
+            if plant in newest
         ),
-        _unsafe({name: told[name].get("unsafe_flights", {}) for name in PLANTS if name in told}),
+        _unsafe(
+            {name: newest[name].get("unsafe_flights", {}) for name in PLANTS if name in newest}
+        ),
     )
 
 

@@ -66,7 +66,9 @@ def _parity(rows: list[Row]) -> str:
     stated = [(row["name"], row["parity"]) for row in rows if "parity" in row]
     if not stated:
         return ""
-    name, worst = max(stated, key=lambda one: one[1]["max_rel"] / one[1]["limit"])
+    name, worst = max(
+        stated, key=lambda named_parity: named_parity[1]["max_rel"] / named_parity[1]["limit"]
+    )
     share = 100.0 * worst["max_rel"] / worst["limit"]
     return (
         f"Parity: of the {len(stated)} packages, one of {name} comes nearest its limit. Its graph "
@@ -79,8 +81,8 @@ def demo(records: Records) -> Section:
     """The main job end to end."""
     result = records.json("demo.json")
     lines = [
-        [name, f"{one['mean']:.1f} ± {one['standard_error']:.1f}", str(one["flights"])]
-        for name, one in result["rmse_mm"].items()
+        [name, f"{error['mean']:.1f} ± {error['standard_error']:.1f}", str(error["flights"])]
+        for name, error in result["rmse_mm"].items()
     ]
     gain = result["gain_mm"]
     return Section(
@@ -142,8 +144,8 @@ def endings(records: Records) -> Section:
     lines = []
     for row in result["rows"]:
         delays = row.get("delay_in_the_air_p50_p90_max_s")
-        told = [f"{delays[0]:.2f}", f"{delays[2]:.2f}"] if delays else ["–", "–"]
-        lines.append([row["case"], str(row["flights"]), str(row["named"]), *told])
+        delay_cells = [f"{delays[0]:.2f}", f"{delays[2]:.2f}"] if delays else ["–", "–"]
+        lines.append([row["case"], str(row["flights"]), str(row["named"]), *delay_cells])
     blocked = next(row for row in result["rows"] if "unnoticed_off_m" in row)
     off_m = [abs(value) for value in blocked["unnoticed_off_m"]]
     text = (
@@ -165,11 +167,11 @@ def endings(records: Records) -> Section:
 
 def soak(records: Records) -> Section:
     """What grows, drifts, leaks or gets lost in many hours."""
-    one = records.json("soak.json")
-    longest, log = one["longest"], one["longest"]["log"]
+    record = records.json("soak.json")
+    longest, log = record["longest"], record["longest"]["log"]
     held = longest["growth"]
     lines = [
-        ["rows lost, commands unanswered", f"{one['lost']}, {one['unanswered']}"],
+        ["rows lost, commands unanswered", f"{record['lost']}, {record['unanswered']}"],
         [
             "open descriptors, first and last",
             f"{held['descriptors'][0]}, {held['descriptors'][-1]}",
@@ -185,11 +187,11 @@ def soak(records: Records) -> Section:
         ["oldest pulse that a row tells of", f"{log['oldest_pulse_ms']:.0f} ms"],
     ]
     hours = longest["ticks"] / (32 * 3600)
-    flights = len(one["ended"])
+    flights = len(record["ended"])
     return Section(
         "Many hours in one flight",
-        f"{one['ticks']:,} ticks in {flights} {'flight' if flights == 1 else 'flights'}, "
-        f"{'with a package' if one['arch'] else 'PID alone'}, in simulated time: the loop, the "
+        f"{record['ticks']:,} ticks in {flights} {'flight' if flights == 1 else 'flights'}, "
+        f"{'with a package' if record['arch'] else 'PID alone'}, in simulated time: the loop, the "
         f"wire, the board and the recorder are those of the rig. The longest took {hours:.1f} h.",
         paragraphs(
             table(["", "measured"], lines),

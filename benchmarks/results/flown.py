@@ -58,11 +58,11 @@ def _tracked(rows: Sequence[Row]) -> dict[str, Tracked]:
             np.array(
                 [
                     [float(row["tracking_rms_m"]) for row in seed]
-                    for seed in grouped(own, "training seed").values()
+                    for seed in grouped(predictor_rows, "training seed").values()
                 ]
             ),
         )
-        for name, own in grouped(rows, "predictor").items()
+        for name, predictor_rows in grouped(rows, "predictor").items()
     }
 
 
@@ -90,7 +90,9 @@ def _memory(tracked: Mapping[str, Tracked]) -> str:
 def shift(records: Records) -> Section:
     """Trained on one spread of physics, flown in others."""
     record, rows = records.json("study-shift.json"), records.rows("study-shift.csv")
-    spreads = {_spread(s): _tracked(own) for s, own in grouped(rows, "spread").items()}
+    spreads = {
+        _spread(s): _tracked(spread_rows) for s, spread_rows in grouped(rows, "spread").items()
+    }
     names = ["mean force", *ARCHITECTURES]
     lines = [[name, *(_gain(tracked, name) for tracked in spreads.values())] for name in names]
     verdicts = [f"- At {spread}: {_memory(tracked)}" for spread, tracked in spreads.items()]
@@ -117,10 +119,10 @@ def lead(records: Records) -> Section:
     """How far ahead a wake can be known, and what that is worth."""
     record, rows = records.json("study-lead.json"), records.rows("study-lead.csv")
     parts = []
-    for domain, own in grouped(rows, "domain").items():
-        leads = sorted({row["lead_s"] for row in own if row["lead_s"]}, key=float)
+    for domain, domain_rows in grouped(rows, "domain").items():
+        leads = sorted({row["lead_s"] for row in domain_rows if row["lead_s"]}, key=float)
         lines = []
-        for name, mine in grouped(own, "predictor").items():
+        for name, mine in grouped(domain_rows, "predictor").items():
             errors = {
                 at: 1e3 * rms([float(row["tracking_rms_m"]) for row in some])
                 for at, some in grouped(mine, "lead_s").items()

@@ -15,9 +15,13 @@ def demo(records: Records) -> Section:
     record = records.json("gap-demo.json")
     result, tracking = record["result"], record["demo"]["tracking"]
     rows = [
-        [effect["name"], name, within(one["value"], one["low"], one["high"], 0, 1e3) + " ms"]
+        [
+            effect["name"],
+            name,
+            within(estimate["value"], estimate["low"], estimate["high"], 0, 1e3) + " ms",
+        ]
         for effect in result["effects"]
-        for name, one in effect["parameters"].items()
+        for name, estimate in effect["parameters"].items()
     ]
     ahead = result["gap"]["height 0.25 s ahead"]
     placebo, retrained = result["placebo"], record["retrain"]
@@ -62,12 +66,12 @@ def form_error(records: Records) -> Section:
     record = records.json(FORM_ERROR)
     lines = [
         [
-            percent(one["dose"], 0),
-            f"{one['misfit_mn']:.0f} mN",
-            *(_counted(one[key]) for key in ("false_alarms", "right", "useless")),
-            str(one["added_worse"]),
+            percent(point["dose"], 0),
+            f"{point['misfit_mn']:.0f} mN",
+            *(_counted(point[key]) for key in ("false_alarms", "right", "useless")),
+            str(point["added_worse"]),
         ]
-        for one in record["curve"]
+        for point in record["curve"]
     ]
     head = ["misfit", "largest", "something is missing, where nothing is", "right name or class"]
     head += ['useless "unknown"', "made the forecast worse"]
@@ -111,14 +115,14 @@ def _counted(share: Row) -> str:
 
 def _answers(rows: Sequence[Row]) -> str:
     """The sets without an effect that were answered otherwise, each in its own words."""
-    told = [
+    lines = [
         f"- {row['case']}: {row['verdict']}"
         + (f", {row['unknown']}" if row["unknown"] else "")
         + (f", {', '.join(row['named'] or row['class'])}" if row["named"] or row["class"] else "")
         for row in rows
         if row["answer"] == "false alarm"
     ]
-    return "\n".join(["Answered otherwise where nothing is hidden:", "", *told]) if told else ""
+    return "\n".join(["Answered otherwise where nothing is hidden:", "", *lines]) if lines else ""
 
 
 def _mm(*metres: float) -> list[str]:
@@ -127,7 +131,7 @@ def _mm(*metres: float) -> list[str]:
 
 def _flown(row: Row) -> list[str]:
     ends = (row["before"], row["after"])
-    return [f"{within(one['rmse'], one['low'], one['high'], 1)} mm" for one in ends]
+    return [f"{within(end['rmse'], end['low'], end['high'], 1)} mm" for end in ends]
 
 
 def hidden_effects(records: Records) -> Section:
@@ -155,11 +159,11 @@ def power(records: Records) -> Section:
     rows = [
         [
             _group(name),
-            str(one["cases"]),
-            *(percent(one[k]) for k in ("predicted_named", "named", "predicted_right", "right")),
+            str(group["cases"]),
+            *(percent(group[k]) for k in ("predicted_named", "named", "predicted_right", "right")),
         ]
-        for name, one in result.items()
-        if isinstance(one, dict)
+        for name, group in result.items()
+        if isinstance(group, dict)
     ]
     head = ["cases", "number", "promised: named", "named", "promised: right", "right"]
     return Section(

@@ -14,8 +14,8 @@ def domains(records: Records) -> Section:
     rows = []
     for result in _results(records):
         named = ", ".join(effect["name"] for effect in result["effects"])
-        for channel, one in result["gap"].items():
-            rows.append([result["domain"], named, channel, *_before_and_after(one)])
+        for channel, residual in result["gap"].items():
+            rows.append([result["domain"], named, channel, *_before_and_after(residual)])
     head = ["domain", "named", "channel", "residual before", "after"]
     return Section(
         "The gap workflow on other domains",
@@ -47,8 +47,8 @@ def _results(records: Records) -> list[dict[str, Any]]:
     return [records.json(f"gap-domain-{name}.json") for name in DOMAINS]
 
 
-def _before_and_after(one: Row) -> list[str]:
-    return [f"{one[key]:.3g} {one['unit']}" for key in ("before", "after")]
+def _before_and_after(residual: Row) -> list[str]:
+    return [f"{residual[key]:.3g} {residual['unit']}" for key in ("before", "after")]
 
 
 def _domain(result: Row) -> str:
@@ -70,24 +70,25 @@ def _found(result: Row) -> str:
     residuals = [
         [
             name,
-            *_before_and_after(one),
-            f"{placebo['after'][channels.index(name)]:.3g} {one['unit']}" if placebo else "–",
+            *_before_and_after(residual),
+            f"{placebo['after'][channels.index(name)]:.3g} {residual['unit']}" if placebo else "–",
         ]
-        for name, one in result["gap"].items()
+        for name, residual in result["gap"].items()
     ]
     instead = f"with {placebo['name']} instead" if placebo else "with another instead"
     return paragraphs(
-        f"Verdict: {result['verdict']}, {', '.join(one['name'] for one in result['effects'])}. The "
-        f"threshold is {result['threshold_nats']:.1f} nats.",
+        f"Verdict: {result['verdict']}, "
+        f"{', '.join(effect['name'] for effect in result['effects'])}. "
+        f"The threshold is {result['threshold_nats']:.1f} nats.",
         _rankings(result["rounds"]),
-        table(["parameter", "value", "unit"], [_parameter(*one) for one in _sizes(result)]),
+        table(["parameter", "value", "unit"], [_parameter(*size) for size in _sizes(result)]),
         table(["residual", "before", "after", instead], residuals),
     )
 
 
 def _rankings(rounds: Sequence[Row]) -> str:
     """A column for each round: what each effect gains beside those that were found before."""
-    gains = [{one["name"]: one["gain_nats"] for one in r["ranking"]} for r in rounds]
+    gains = [{ranked["name"]: ranked["gain_nats"] for ranked in r["ranking"]} for r in rounds]
     head = ["effect", "alone", *(f"beside {', '.join(r['given'])}" for r in rounds[1:])]
     rows = [
         [name, *(f"{gain[name]:.0f}" if name in gain else "" for gain in gains)]
@@ -100,12 +101,16 @@ def _sizes(result: Row) -> list[tuple[str, Row]]:
     return list(result["parameters"].items())
 
 
-def _parameter(name: str, one: Row) -> list[str]:
-    return [name, f"{one['value']:.3g} [{one['low']:.3g}, {one['high']:.3g}]", one["unit"]]
+def _parameter(name: str, estimate: Row) -> list[str]:
+    return [
+        name,
+        f"{estimate['value']:.3g} [{estimate['low']:.3g}, {estimate['high']:.3g}]",
+        estimate["unit"],
+    ]
 
 
-def _single_steps(told: Row) -> str:
-    up, down = (told[way] for way in ("up", "down"))
+def _single_steps(step_fits: Row) -> str:
+    up, down = (step_fits[way] for way in ("up", "down"))
     return (
         "An exponential fitted to each step alone has a median time constant of "
         f"{1e3 * up['median_s']:.1f} ms up ({up['steps']} steps) and "

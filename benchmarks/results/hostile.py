@@ -6,20 +6,20 @@ from benchmarks.results.section import Records, Section, paragraphs, table
 def files(records: Records) -> Section:
     """What became of damaged and forged files, by kind."""
     result = records.json("fuzz.json")
-    kinds = sorted(result["kinds"], key=lambda one: one["what"])
+    kinds = sorted(result["kinds"], key=lambda kind: kind["what"])
     lines = [
         [
-            one["what"],
-            f"{one['files']:,}",
-            f"{one['read']:,}",
-            f"{one['refused']:,}",
-            str(one["failed"]),
-            f"{one['files'] / one['seconds']:,.0f}",
-            f"{one['slowest_s']:.2f} s",
+            kind["what"],
+            f"{kind['files']:,}",
+            f"{kind['read']:,}",
+            f"{kind['refused']:,}",
+            str(kind["failed"]),
+            f"{kind['files'] / kind['seconds']:,.0f}",
+            f"{kind['slowest_s']:.2f} s",
         ]
-        for one in kinds
+        for kind in kinds
     ]
-    failed = sum(one["failed"] for one in kinds)
+    failed = sum(kind["failed"] for kind in kinds)
     limits = (
         f"Reading a file may take {result['slowest_allowed_s']:g} s of processor time (pictures "
         f"more) and {result['most_allowed_mib']} MiB of memory. Another exception, a warning, or a "

@@ -58,7 +58,7 @@ def _counts(what: str, rows: Sequence[Row]) -> list[str]:
 
 def _line(row: Row) -> list[str]:
     rivals = [name for name in row["class"] if name not in row["named"]]
-    told = ", ".join(row["named"]) + f" (or {', '.join(rivals)})" * bool(rivals)
+    names = ", ".join(row["named"]) + f" (or {', '.join(rivals)})" * bool(rivals)
     first = row["leading"][0] if row["leading"] else None
     gain = f"{first['name']}, {first['gain_nats']:.0f} nats: {first['judged']}" if first else "–"
-    return [row["case"], _judged(row), told or "–", gain]
+    return [row["case"], _judged(row), names or "–", gain]

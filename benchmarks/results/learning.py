@@ -49,8 +49,8 @@ def flag(records: Records) -> Section:
     """The public recordings of a passive flag behind a foil."""
     rows = records.json("fish.json")["rows"]
     lines = [
-        [arch, mean_and_sd([_r2(row) for row in own], 3)]
-        for arch, own in grouped(rows, "arch").items()
+        [arch, mean_and_sd([_r2(row) for row in arch_rows], 3)]
+        for arch, arch_rows in grouped(rows, "arch").items()
     ]
     return Section(
         "Airfoil and flag",
@@ -82,7 +82,7 @@ def speed(records: Records) -> Section:
     ]
     head = ["architecture", "targets/s", "times the plain loop", "on a slower core"]
     head += ["our error", "the plain loop's", "ours after twice as many targets"]
-    rates = [statistics.median(r["core_gflops"] for r in one["rows"]) for one in (fast, slow)]
+    rates = [statistics.median(r["core_gflops"] for r in record["rows"]) for record in (fast, slow)]
     text = (
         f"Large matrix products run at {rates[0]:.0f} · 10⁹ operations a second on the first core "
         f"and at {rates[1]:.0f} · 10⁹ on the slower one. Both loops take the same number of "

@@ -43,7 +43,7 @@ def _mean(pairs: list[Mapping[str, Any]], count: str, series: str, key: str) -> 
     return f"{sum(pair[count][series][key] for pair in pairs) / len(pairs):.2f}"
 
 
-def _added(told: list[float | None]) -> str:
-    mean, error = told
+def _added(difference: list[float | None]) -> str:
+    mean, error = difference
     assert mean is not None
     return f"{mean:+.2f}" if error is None else f"{mean:+.2f} ± {error:.2f}"

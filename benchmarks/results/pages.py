@@ -89,8 +89,8 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
 def hidden_effects(read: Records) -> str:
     """The gap benchmark's page."""
     lines = "../records/gap-benchmark.jsonl"
-    told = summary(read.lines("gap-benchmark.jsonl"))
-    return markdown_of(told, "../figures/gap-benchmark.png", lines).strip()
+    totals = summary(read.lines("gap-benchmark.jsonl"))
+    return markdown_of(totals, "../figures/gap-benchmark.png", lines).strip()
 
 
 def tuned_shapes(read: Records) -> str:
@@ -101,7 +101,7 @@ def tuned_shapes(read: Records) -> str:
 def estimates(read: Records) -> str:
     """The page of the 2D downwash's open constants."""
     result = read.json("downwash-estimates.json")
-    worlds = {name: one for name, one in result.items() if isinstance(one, dict)}
+    worlds = {name: world for name, world in result.items() if isinstance(world, dict)}
     return downwash_estimates.page(worlds).strip()
 
 
@@ -148,10 +148,14 @@ class Pages:
 
     def _section(self, make: Callable[[Records], Section]) -> str:
         read = self._read()
-        one = make(read)
-        commands = "\n".join(("```sh", *one.commands, "```"))
+        section = make(read)
+        commands = "\n".join(("```sh", *section.commands, "```"))
         return paragraphs(
-            f"### {one.title}", one.measured, one.body, commands, self._provenance(read, "records")
+            f"### {section.title}",
+            section.measured,
+            section.body,
+            commands,
+            self._provenance(read, "records"),
         )
 
     def _detail(self, make: Callable[[Records], str]) -> str:
@@ -164,13 +168,13 @@ class Pages:
     def _provenance(self, read: Records, place: str) -> str:
         """When and at which commit the records of a section were made."""
         self.used |= set(read.read)
-        told = [
+        sources = [
             f"measured {day} at {_commits(commit)}: "
             + ", ".join(f"[{name}]({place}/{name})" for name in names)
             for (day, commit), names in read.stamps().items()
         ]
-        return "Records " + "; ".join(told) + "."
+        return "Records " + "; ".join(sources) + "."
 
 
 def _commits(commit: str) -> str:
-    return ", ".join(f"`{one}`" for one in commit.split(", ")) if commit else "no commit"
+    return ", ".join(f"`{revision}`" for revision in commit.split(", ")) if commit else "no commit"

@@ -54,10 +54,10 @@ def _tracking(records: Records) -> list[list[str]]:
 
 
 def _latency(records: Records) -> list[str]:
-    told = records.json("latency.json")["busy, --realtime"]
-    p999 = [row["p999_ms"] for row in told["rows"]]
+    record = records.json("latency.json")["busy, --realtime"]
+    p999 = [row["p999_ms"] for row in record["rows"]]
     what = "from measurement to command, 999 ticks of 1,000, two busy cores"
-    return [what, f"{span(p999, 1)} ms", f"{told['budget_ms']:.2f} ms"]
+    return [what, f"{span(p999, 1)} ms", f"{record['budget_ms']:.2f} ms"]
 
 
 def _learning(records: Records) -> list[list[str]]:
@@ -78,13 +78,13 @@ def _learning(records: Records) -> list[list[str]]:
 
 
 def _gap(records: Records) -> list[list[str]]:
-    told = summary(records.lines("gap-benchmark.jsonl"))
+    totals = summary(records.lines("gap-benchmark.jsonl"))
     names = {
         "right_from_50_nats": ("hidden effects with strong evidence, answered rightly", "≥ 95 %"),
         "false_alarms": ("effects named or suspected where none is hidden", "≤ 5 %"),
     }
     return [
-        [what, f"{told[key]['count']} of {told[key]['of']}", bar]
+        [what, f"{totals[key]['count']} of {totals[key]['of']}", bar]
         for key, (what, bar) in names.items()
     ]
 

@@ -52,13 +52,13 @@ _BUILT_IN = (
 def _counts(rows: Sequence[Row]) -> str:
     """How often each judgement fell, in a sentence."""
     out = [row["left_out"] for row in rows]
-    told = ", ".join(f"{out.count(j)} {j}" for j in _JUDGED if j in out)
+    counts = ", ".join(f"{out.count(j)} {j}" for j in _JUDGED if j in out)
     built_in = [row for row in rows if "left_in" in row]
     good = [row for row in built_in if row["left_in"] in ("right", "next")]
     both = sum(row["left_out"] in ("right", "class") for row in good)
     halves = [row["halves"] for row in rows if "halves" in row]
     return (
-        f"With the effect left out: {told}.\n\nWith it built in, {len(good)} of {len(built_in)} "
+        f"With the effect left out: {counts}.\n\nWith it built in, {len(good)} of {len(built_in)} "
         "answers are right or name what else is known; that says something only where the effect "
         f"had been named when it was left out, in {both} of them.\n\nThe halves of "
         f"{halves.count('same')} of {len(halves)} recordings give the same answer."
@@ -94,33 +94,33 @@ def _names(answer: Row) -> str:
     """What an answer names, or why it names nothing."""
     if "refused" in answer:
         return "refused"
-    found = [one["name"] for one in answer["effects"]]
+    found = [effect["name"] for effect in answer["effects"]]
     rivals = [name for name in answer["class"] if name not in found]
-    told = ", ".join(found) + f" (or {', '.join(rivals)})" * bool(rivals)
-    return told or {"none": "none that matters"}.get(answer["verdict"], answer["verdict"])
+    names = ", ".join(found) + f" (or {', '.join(rivals)})" * bool(rivals)
+    return names or {"none": "none that matters"}.get(answer["verdict"], answer["verdict"])
 
 
 def _sizes(answer: Row) -> str:
     return "; ".join(
-        f"{name} {one['value']:.3g} [{one['low']:.3g}, {one['high']:.3g}] {one['unit']}"
+        f"{name} {size['value']:.3g} [{size['low']:.3g}, {size['high']:.3g}] {size['unit']}"
         for effect in answer.get("effects", ())
-        for name, one in effect["parameters"].items()
+        for name, size in effect["parameters"].items()
     )
 
 
 def _halves(row: Row) -> str:
-    told = [row["answers"][p] for p in ("first", "second") if p in row["answers"]]
-    if len(told) < 2:
+    halves = [row["answers"][p] for p in ("first", "second") if p in row["answers"]]
+    if len(halves) < 2:
         return "–"
     if row.get("halves") == "same":
-        return f"same: {_names(told[0])}"
-    return f"{row.get('halves', 'refused')}: {_names(told[0])} / {_names(told[1])}"
+        return f"same: {_names(halves[0])}"
+    return f"{row.get('halves', 'refused')}: {_names(halves[0])} / {_names(halves[1])}"
 
 
 def _errors(row: Row) -> list[list[str]]:
     out = row["answers"]["out"]
     return [
         [row["case"], name, f"{out['forecast_s']:.3g} s",
-         *(f"{one[k]:.3g} {one['unit']}" for k in ("stated", "fitted", "found"))]
-        for name, one in out.get("errors", {}).items()
+         *(f"{errors[k]:.3g} {errors['unit']}" for k in ("stated", "fitted", "found"))]
+        for name, errors in out.get("errors", {}).items()
     ]  # fmt: skip

@@ -13,7 +13,7 @@ _UNITS = {  # factor, unit, decimals
 def learned(records: Records) -> Section:
     """What seven ordinary flights teach about a rig."""
     record = records.json(RECORD)
-    sets = [one for name, one in record.items() if name.startswith("set")]
+    sets = [spread_set for name, spread_set in record.items() if name.startswith("set")]
     before, after, form = record["before"], record["after"], record["form"]
     evident = [
         ["nats for another form", f"{before['form_nats']:.1f}", f"{after['form_nats']:.1f}"],
@@ -24,10 +24,10 @@ def learned(records: Records) -> Section:
         ],
         [
             "forecast error 1 s ahead",
-            *(f"{1e3 * one['forecast_m']:.1f} mm" for one in (before, after)),
+            *(f"{1e3 * evidence['forecast_m']:.1f} mm" for evidence in (before, after)),
         ],
     ]
-    spreads = [_spread(one) for each in sets for one in each["quantities"]]
+    spreads = [_spread(quantity) for each in sets for quantity in each["quantities"]]
     odd = [odd for each in sets for odd in each["odd"]]
     flagged = sum(flight == 3 for flight, *_ in odd)
     shares = f"{100 * form['misfit_share']:.1f} % ({1e3 * form['misfit_n']:.0f} mN)"
@@ -47,9 +47,9 @@ def learned(records: Records) -> Section:
     )
 
 
-def _spread(one: dict[str, float | str]) -> list[str]:
-    factor, unit, decimals = _UNITS[str(one["quantity"])]
-    sd, low, high = (float(one[key]) for key in ("sd", "low", "high"))
-    true = factor * float(one["true_sd"])
+def _spread(quantity: dict[str, float | str]) -> list[str]:
+    factor, unit, decimals = _UNITS[str(quantity["quantity"])]
+    sd, low, high = (float(quantity[key]) for key in ("sd", "low", "high"))
+    true = factor * float(quantity["true_sd"])
     found = within(sd, low, high, decimals, factor)
-    return [str(one["quantity"]), f"{true:.{decimals}f} {unit}", f"{found} {unit}"]
+    return [str(quantity["quantity"]), f"{true:.{decimals}f} {unit}", f"{found} {unit}"]

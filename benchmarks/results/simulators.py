@@ -7,8 +7,8 @@ def downwash_speed(records: Records) -> Section:
     """How fast the 2D downwash flies."""
     result = records.json("downwash-speed.json")
     lines = [
-        [name, f"{one['median']:.0f}", f"{one['worst']:.0f}"]
-        for name, one in result["times_real_time"].items()
+        [name, f"{speed['median']:.0f}", f"{speed['worst']:.0f}"]
+        for name, speed in result["times_real_time"].items()
     ]
     return Section(
         "Speed of the 2D downwash",
@@ -21,18 +21,21 @@ def downwash_speed(records: Records) -> Section:
 
 def field_step(records: Records) -> Section:
     """The compiled field step beside numpy."""
-    one = records.json("field.json")
+    record = records.json("field.json")
     lines = [
-        ["compiled step", f"{one['numba_us']:.0f} µs"],
-        ["the same in numpy", f"{one['numpy_us']:.0f} µs"],
-        ["ratio, median and worst turn", f"{one['ratio']:.1f}, {one['ratio_worst_turn']:.1f}"],
-        ["operations at the core's fastest rate", f"{one['arithmetic_alone_us']:.0f} µs"],
-        ["memory traffic that cannot be avoided", f"{one['least_traffic_alone_us']:.0f} µs"],
-        ["memory traffic of this code", f"{one['present_traffic_alone_us']:.0f} µs"],
+        ["compiled step", f"{record['numba_us']:.0f} µs"],
+        ["the same in numpy", f"{record['numpy_us']:.0f} µs"],
+        [
+            "ratio, median and worst turn",
+            f"{record['ratio']:.1f}, {record['ratio_worst_turn']:.1f}",
+        ],
+        ["operations at the core's fastest rate", f"{record['arithmetic_alone_us']:.0f} µs"],
+        ["memory traffic that cannot be avoided", f"{record['least_traffic_alone_us']:.0f} µs"],
+        ["memory traffic of this code", f"{record['present_traffic_alone_us']:.0f} µs"],
     ]
     return Section(
         "One step of the 2D field",
-        f"Time of one step of a grid of {one['columns']} × {one['rows']} cells on one core.",
+        f"Time of one step of a grid of {record['columns']} × {record['rows']} cells on one core.",
         table(["", "time"], lines),
         ("python -m benchmarks.field --json docs/records/field.json",),
     )
@@ -41,9 +44,9 @@ def field_step(records: Records) -> Section:
 def estimates(records: Records) -> Section:
     """What hangs on the constants that the paper leaves open, in short."""
     result = records.json("downwash-estimates.json")
-    worlds = [one for one in result.values() if isinstance(one, dict)]
-    ratios = [one["agile-mlp share"] / one["history-mlp share"] for one in worlds]
-    gains = [100 * one["history-mlp gain"] for one in worlds]
+    worlds = [world for world in result.values() if isinstance(world, dict)]
+    ratios = [world["agile-mlp share"] / world["history-mlp share"] for world in worlds]
+    gains = [100 * world["history-mlp gain"] for world in worlds]
     body = (
         f"Over {len(worlds)} variants, the error without memory is {span(ratios, 1)} times the "
         f"error with memory. The model with memory reaches {span(gains, 0)} % of the oracle's "
@@ -60,20 +63,20 @@ def estimates(records: Records) -> Section:
 
 def frames(records: Records) -> Section:
     """Frames, damaged frames and noise against the firmware's decisions."""
-    one = records.json("frames.json")
-    valid = sum(one[kind] for kind in ("hellos", "arms", "disarms", "commands", "extreme"))
+    record = records.json("frames.json")
+    valid = sum(record[kind] for kind in ("hellos", "arms", "disarms", "commands", "extreme"))
     lines = [
         ["valid frames, extreme values among them", valid],
-        ["valid frames with any sequence number", one["stale"]],
-        ["frames with turned bits, lost, changed or repeated bytes", one["damaged"]],
-        ["frames that were cut", one["cut"]],
-        ["frames of another type or length, checksum right", one["misshapen"]],
-        ["pieces of noise of up to 79 bytes", one["noise"]],
-        ["all", one["frames"]],
+        ["valid frames with any sequence number", record["stale"]],
+        ["frames with turned bits, lost, changed or repeated bytes", record["damaged"]],
+        ["frames that were cut", record["cut"]],
+        ["frames of another type or length, checksum right", record["misshapen"]],
+        ["pieces of noise of up to 79 bytes", record["noise"]],
+        ["all", record["frames"]],
     ]
     text = (
-        f"In {_rounded(one['ticks'])} ticks of 100 µs the board armed {one['flights']:,} times, "
-        f"and silence latched it {one['latched']:,} times. Nothing failed."
+        f"In {_rounded(record['ticks'])} ticks of 100 µs the board armed {record['flights']:,} "
+        f"times, and silence latched it {record['latched']:,} times. Nothing failed."
     )
     return Section(
         "Damaged frames",
@@ -82,7 +85,10 @@ def frames(records: Records) -> Section:
         "be the model's. In every tick pulses stay within the limits and the slew, steps within "
         "the speed, and motors idle where nothing flies.",
         paragraphs(table(["what was sent", ""], [[k, f"{n:,}"] for k, n in lines]), text),
-        (f"python -m benchmarks.frames --count {one['frames']} --json docs/records/frames.json",),
+        (
+            f"python -m benchmarks.frames --count {record['frames']} "
+            "--json docs/records/frames.json",
+        ),
     )
 
 
@@ -92,12 +98,12 @@ def _rounded(count: int) -> str:
 
 def mutants(records: Records) -> Section:
     """Whether the tests notice changes of the firmware's decisions."""
-    one = records.json("mutants.json")
+    record = records.json("mutants.json")
     lines = [
-        ["changes that can be noticed from outside", str(one["tried"])],
-        ["noticed", f"{one['noticed']} ({percent(one['share'], 1)})"],
-        ["changes that behave as the original does", str(len(one["equivalent"]))],
-        ["changes that do not compile", str(one["no_program"])],
+        ["changes that can be noticed from outside", str(record["tried"])],
+        ["noticed", f"{record['noticed']} ({percent(record['share'], 1)})"],
+        ["changes that behave as the original does", str(len(record["equivalent"]))],
+        ["changes that do not compile", str(record["no_program"])],
     ]
     return Section(
         "Mutants of the firmware",

@@ -97,7 +97,10 @@ def kinds(records: Records) -> Section:
     rows = [row for row in rows if row["channel"] == "force_z_n"]
     columns = list(dict.fromkeys(row["kind"] for row in rows))
     groups = grouped(rows, "kind", "predictor")
-    errors = {key: statistics.fmean(float(r["rmse"]) for r in own) for key, own in groups.items()}
+    errors = {
+        key: statistics.fmean(float(r["rmse"]) for r in group_rows)
+        for key, group_rows in groups.items()
+    }
     lines = [
         [UNLEARNED.get(name, name), *(_two(errors.get((kind, name))) for kind in columns)]
         for name in in_order(row["predictor"] for row in rows)
@@ -113,10 +116,12 @@ def kinds(records: Records) -> Section:
 
 def _errors(rows: Iterable[Row]) -> dict[tuple[str, str], float]:
     """By domain and predictor: RMSE over the standard deviation, mean over seeds."""
-    told = [row for row in rows if MAIN.get(row["domain"], row["channel"]) == row["channel"]]
+    main_rows = [row for row in rows if MAIN.get(row["domain"], row["channel"]) == row["channel"]]
     found: dict[tuple[str, str], list[float]] = {}
-    for (domain, name, _), own in grouped(told, "domain", "predictor", "seed").items():
-        shares = [float(row["rmse"]) / float(row["sd"]) for row in own if float(row["sd"]) > 0.0]
+    for (domain, name, _), seed_rows in grouped(main_rows, "domain", "predictor", "seed").items():
+        shares = [
+            float(row["rmse"]) / float(row["sd"]) for row in seed_rows if float(row["sd"]) > 0.0
+        ]
         found.setdefault((domain, name), []).append(rms(shares))
     return {key: statistics.fmean(errors) for key, errors in found.items()}
 
@@ -130,8 +135,8 @@ def window(records: Records) -> Section:
     records.json("study-window.json")
     rows = records.rows("study-window.csv")
     lines = []
-    for domain, own in grouped(rows, "domain").items():
-        by_model = grouped(own, "arch")
+    for domain, domain_rows in grouped(rows, "domain").items():
+        by_model = grouped(domain_rows, "arch")
         memoryless = _share(by_model[MEMORYLESS])
         for name in ("history-mlp", "gru"):
             found = _enough(by_model[name])
@@ -159,7 +164,7 @@ def _share(rows: Sequence[Row]) -> float:
 def _enough(rows: Sequence[Row]) -> list[str]:
     """The shortest past within 5 % of the least error, what it takes to keep, and its error."""
     lengths = grouped(rows, "past_s")
-    errors = {past: _share(own) for past, own in lengths.items()}
+    errors = {past: _share(past_rows) for past, past_rows in lengths.items()}
     suffice = [past for past in errors if errors[past] <= 1.05 * min(errors.values())]
     enough = min(suffice, key=lambda past: float(past or math.inf))  # of a state, "" is all of it
     shown = f"{float(enough):.3g}" if enough else "all of it"
@@ -170,8 +175,8 @@ def pareto(records: Records) -> Section:
     """Error against parameters and step time."""
     record, rows = records.json("study-pareto.json"), records.rows("study-pareto.csv")
     lines = []
-    for domain, own in grouped(rows, "domain").items():
-        models = [row for row in own if row["step_p99_ms"]]
+    for domain, domain_rows in grouped(rows, "domain").items():
+        models = [row for row in domain_rows if row["step_p99_ms"]]
         best = min(models, key=lambda row: float(row["error"]))
         lines.append(
             [
@@ -213,28 +218,28 @@ def delay(records: Records) -> Section:
     record = records.json("study-delay.json")
     rows = records.rows("study-delay-embedding.csv")
     looks = []
-    for one in record["attention"]:
-        way = one["transport"]
-        peaks = one["peaks_s"]
+    for attention in record["attention"]:
+        way = attention["transport"]
+        peaks = attention["peaks_s"]
         looks.append(
             [
-                one["domain"],
+                attention["domain"],
                 f"{way['mean_s']:.3f} [{way['low_s']:.3f}, {way['high_s']:.3f}]",
-                f"{one['source_lag_s']:.3f}",
-                f"{one['peak_s']:.3f} ({span(peaks, 3)})",
-                f"{one['mean_age_s']:.3f}",
+                f"{attention['source_lag_s']:.3f}",
+                f"{attention['peak_s']:.3f} ({span(peaks, 3)})",
+                f"{attention['mean_age_s']:.3f}",
             ]
         )
     slopes = []
-    for domain, own in grouped(rows, "domain").items():
+    for domain, domain_rows in grouped(rows, "domain").items():
         trend = record["trends"][domain]
-        best = [row for row in own if row["best_start"] == "1"]
+        best = [row for row in domain_rows if row["best_start"] == "1"]
         outside = statistics.fmean(float(row["outside_window"]) for row in best)
         slopes.append(
             [
                 domain,
                 *(f"{trend[key]['slope']:.2f}" for key in ("delay_s", "mean_age_s")),
-                f"{_agreeing(own)} of {len(grouped(own, 'setting', 'seed'))}",
+                f"{_agreeing(domain_rows)} of {len(grouped(domain_rows, 'setting', 'seed'))}",
                 f"{100 * outside:.0f} %",
             ]
         )
@@ -271,8 +276,11 @@ def delay(records: Records) -> Section:
 
 def _agreeing(rows: Sequence[Row]) -> int:
     """In how many trainings all starts end at one delay."""
-    ends = [[float(r["delay_s"]) for r in own] for own in grouped(rows, "setting", "seed").values()]
-    return sum(max(one) - min(one) <= 0.05 for one in ends)
+    ends = [
+        [float(r["delay_s"]) for r in start_rows]
+        for start_rows in grouped(rows, "setting", "seed").values()
+    ]
+    return sum(max(delays) - min(delays) <= 0.05 for delays in ends)
 
 
 def basin(records: Records) -> Section:
@@ -280,9 +288,9 @@ def basin(records: Records) -> Section:
     records.json("study-basin.json")
     rows = records.rows("study-basin.csv")
     lines = []
-    for end, own in sorted(grouped(rows, "ended_at").items(), key=lambda item: -len(item[1])):
-        delays, r2 = ([float(row[key]) for row in own] for key in ("delay_s", "r2"))
-        lines.append([end, str(len(own)), span(delays, 3), span(r2, 3)])
+    for end, end_rows in sorted(grouped(rows, "ended_at").items(), key=lambda item: -len(item[1])):
+        delays, r2 = ([float(row[key]) for row in end_rows] for key in ("delay_s", "r2"))
+        lines.append([end, str(len(end_rows)), span(delays, 3), span(r2, 3)])
     return Section(
         "Where Delay Embedding ends, by where it starts",
         f"{len(rows)} trainings on the flag recordings, from {len(grouped(rows, 'start_s'))} "

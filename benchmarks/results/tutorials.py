@@ -16,8 +16,8 @@ _SHOWN = re.compile(
 
 def filled(name: str, text: str, records: Records) -> str:
     """A tutorial with the outputs of its record; ValueError for a block that the record lacks."""
-    told = records.json(f"tutorial-{name}.json")["blocks"]
-    printed = {"\n".join(block["commands"]) + "\n": block for block in told}
+    blocks = records.json(f"tutorial-{name}.json")["blocks"]
+    printed = {"\n".join(block["commands"]) + "\n": block for block in blocks}
 
     def instead(shown: re.Match[str]) -> str:
         if shown["commands"] not in printed:
@@ -29,6 +29,6 @@ def filled(name: str, text: str, records: Records) -> str:
     return _SHOWN.sub(instead, text)
 
 
-def _block(commands: str, told: Mapping[str, Any]) -> str:
-    printed = "\n".join(line.rstrip() for line in told["printed"].strip().splitlines())
+def _block(commands: str, block: Mapping[str, Any]) -> str:
+    printed = "\n".join(line.rstrip() for line in block["printed"].strip().splitlines())
     return f"```sh\n{commands}```\n\n<!-- output -->\n```text\n{printed}\n```"

@@ -100,9 +100,9 @@ class Loop:
         inner = Index(((free, 1),)) if depth > 1 else Index()
         self.inner = [(free, depth)] if depth > 1 else []
         *stack, row, column = self.indices
-        left = self._text(first, [*stack, row, inner])
-        right = self._text(other, [*stack, inner, column])
-        self._ends.append(f"sum += {left} * {right};")
+        left_factor = self._text(first, [*stack, row, inner])
+        right_factor = self._text(other, [*stack, inner, column])
+        self._ends.append(f"sum += {left_factor} * {right_factor};")
         self._finish(target, self.indices, 1)
 
     def needed_elsewhere(self, value: Computed, *, with_it: bool = False) -> list[Computed]:

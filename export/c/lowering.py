@@ -98,8 +98,8 @@ def _retire(writer: StepWriter, node: Node, rings: dict[str, Ring]) -> None:
         return
     for name in node.inputs:
         if name in rings:
-            rings[name].left -= 1
-            if rings[name].left == 0:
+            rings[name].pending_nodes -= 1
+            if rings[name].pending_nodes == 0:
                 memory.push(writer, rings[name])
 
 

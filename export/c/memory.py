@@ -27,7 +27,7 @@ class Ring:
     channels: int
     length: int
     shape: Shape  # of the context, the newest frame last
-    left: int  # nodes that still look at it
+    pending_nodes: int  # nodes that still look at it
     taps: dict[tuple[int, int, int], Buffer] = field(default_factory=dict)
     frame: Buffer | None = None
 

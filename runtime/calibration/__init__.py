@@ -17,7 +17,7 @@ class Outcome:
     """What a procedure found: constants by dotted name, and what else there is to say."""
 
     constants: dict[str, Calibrated]
-    told: tuple[str, ...] = field(default=())
+    sentences: tuple[str, ...] = field(default=())
 
 
 def require(true: bool, otherwise: str) -> None:

@@ -37,7 +37,7 @@ def _layout(
     kind: type[Any],
 ) -> tuple[Callable[[Any], tuple[Any, ...]], type[Any], frozenset[str]]:
     """How to read all fields at once, a class with the same slots that is not frozen, the names."""
-    names = [one.name for one in fields(kind)]
+    names = [slot.name for slot in fields(kind)]
     return _reader(names), make_dataclass("Open", names, slots=True), frozenset(names)
 
 

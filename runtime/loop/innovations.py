@@ -74,9 +74,9 @@ def log_likelihood(now: Estimate) -> float:
     return -0.5 * (square + math.log(now.innovation_var_m2))
 
 
-def with_another(lately: tuple[Reading, ...], one: Reading) -> tuple[Reading, ...]:
+def with_another(lately: tuple[Reading, ...], reading: Reading) -> tuple[Reading, ...]:
     """The last readings with one more, as many as are looked at."""
-    return (*lately[-_SUDDEN_READINGS - 1 :], one)
+    return (*lately[-_SUDDEN_READINGS - 1 :], reading)
 
 
 def sudden_m(lately: tuple[Reading, ...]) -> float:
@@ -84,7 +84,7 @@ def sudden_m(lately: tuple[Reading, ...]) -> float:
     if len(lately) < _SUDDEN_READINGS + 2:
         return 0.0
     bends_m = sorted(map(_bent_m, lately, lately[1:], lately[2:]))
-    sizes_m = sorted(abs(one[2]) for one in lately[2:])
+    sizes_m = sorted(abs(reading[2]) for reading in lately[2:])
     middle = _SUDDEN_READINGS // 2
     return _MEDIAN_SD * min(bends_m[middle] / math.sqrt(6.0), sizes_m[middle])
 

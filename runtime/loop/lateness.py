@@ -37,7 +37,9 @@ class Lateness:
         self._rivals = {ticks: initial_estimate(0.0) for ticks in LATE_TICKS}
         self._evidence = dict.fromkeys(LATE_TICKS, 0.0)
         self._adopted: int | None = None
-        self._own: Estimate | None = None  # of the loop's own filter, while another is believed
+        self._own_estimate: Estimate | None = (
+            None  # of the loop's own filter, while another is believed
+        )
         self._against = 0.0  # evidence against that one
         self._is_refuted = False
         self._waiting: tuple[PilotState, PilotState, Measurement] | None = None
@@ -56,10 +58,10 @@ class Lateness:
         if self._adopted is None:
             return now
         self._follow(before, now, measured)
-        own = self._followed_own(before, now, measured)
+        own_estimate = self._followed_own(before, now, measured)
         if self._is_refuted:
             self._adopted = None
-            return replace(now, estimate=own)
+            return replace(now, estimate=own_estimate)
         return replace(now, estimate=self._present(now.estimate))
 
     def catch_up(self) -> None:
@@ -80,19 +82,19 @@ class Lateness:
     def _followed_own(self, before: PilotState, now: PilotState, measured: Measurement) -> Estimate:
         """The loop's own filter goes on beside the adopted one, and may prove to be the better."""
         pulses = (before.before_last_us, before.last_us)
-        last = self._own
-        own = (
+        last = self._own_estimate
+        own_estimate = (
             now.estimate
             if last is None
             else self._estimator.step(last, measured, pulses, now.wake_n)
         )
         rival, more = self._rivals[self._adopted or LATE_TICKS[0]], 0.0
-        if math.isfinite(own.innovation_m + rival.innovation_m):
-            more = log_likelihood(own) - log_likelihood(rival)
+        if math.isfinite(own_estimate.innovation_m + rival.innovation_m):
+            more = log_likelihood(own_estimate) - log_likelihood(rival)
             more = min(max(more, -_MOST_A_TICK), _MOST_A_TICK)
-        self._own, self._against = own, max(self._against + more, 0.0)
+        self._own_estimate, self._against = own_estimate, max(self._against + more, 0.0)
         self._is_refuted = self._against > _REFUTED
-        return own
+        return own_estimate
 
     def adopt(self) -> None:
         """From now on the likeliest is believed, unless the loop's own filter proves better."""
@@ -112,15 +114,17 @@ class Lateness:
         return replace(then, t_s=now.t_s, lateral=now.lateral, lateral_cov=now.lateral_cov)
 
 
-def _for_the_rival(own: Estimate, rival: Estimate) -> float:
+def _for_the_rival(own_estimate: Estimate, rival: Estimate) -> float:
     """One reading's log likelihood of the rival over the loop's own filter; 0 where none came.
 
     What surprises both, as a push does, is nothing for the rival. Noise favours neither: the larger
     it is, the farther do two sums of it stray apart.
     """
-    is_judged = own.z_m > _AIRBORNE_M and math.isfinite(own.innovation_m + rival.innovation_m)
-    if not is_judged or own.sudden_ticks or own.noise_scale > 1.0:
+    is_judged = own_estimate.z_m > _AIRBORNE_M and math.isfinite(
+        own_estimate.innovation_m + rival.innovation_m
+    )
+    if not is_judged or own_estimate.sudden_ticks or own_estimate.noise_scale > 1.0:
         return 0.0
     foresees = rival.innovation_m**2 < _FORESEEN * rival.innovation_var_m2
-    more = log_likelihood(rival) - log_likelihood(own)
+    more = log_likelihood(rival) - log_likelihood(own_estimate)
     return min(max(more, -_MOST_A_TICK), _MOST_A_TICK if foresees else 0.0)

@@ -245,9 +245,9 @@ class Loop:
         row |= laps.times_s if self._is_timed else {}
         row |= self._reported(reading, heard, prediction)
         with contextlib.suppress(*(() if self.error is None else (Exception,))):
-            self._told(row, tick)
+            self._score_and_log(row, tick)
 
-    def _told(self, row: Row, tick: Tick) -> None:
+    def _score_and_log(self, row: Row, tick: Tick) -> None:
         """The command is on its way: nothing waits for the score and the log."""
         if self._watch is not None:
             row["gap_score"] = self._watch.step(row)

@@ -144,9 +144,11 @@ class GapWatch:
     def _say(self, sentence: str) -> None:
         """Tell from a thread of its own: a terminal may be held for as long as someone likes."""
         if self._tell is not None:
-            threading.Thread(target=_told, args=(self._tell, sentence), daemon=True).start()
+            threading.Thread(
+                target=_yield_and_tell, args=(self._tell, sentence), daemon=True
+            ).start()
 
 
-def _told(tell: Callable[[str], None], sentence: str) -> None:
+def _yield_and_tell(tell: Callable[[str], None], sentence: str) -> None:
     yield_to_the_loop()
     tell(sentence)

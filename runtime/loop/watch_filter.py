@@ -106,9 +106,9 @@ class WatchFilter:
 
         In standard deviations, (P,); a constant that the data say nothing about is at zero.
         """
-        moved, left = self._state[_BIAS:], np.diag(self._cov)[_BIAS:]
-        told = np.maximum(1.0 - left, 0.05)
-        return np.asarray(moved / np.sqrt(told))
+        moved, remaining_var = self._state[_BIAS:], np.diag(self._cov)[_BIAS:]
+        learned_var = np.maximum(1.0 - remaining_var, 0.05)
+        return np.asarray(moved / np.sqrt(learned_var))
 
     def _was_blind(self, sample_s: float) -> None:
         """Height and speed have to be found again; of a long time only the end is caught up."""

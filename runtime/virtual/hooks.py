@@ -30,11 +30,15 @@ def load_hooks(name: str) -> dict[str, Any]:
             f"--hooks {name}: no such function ({one_line(error)}); name one as MODULE:FUNCTION."
         ) from error
     except (Exception, SystemExit) as error:  # a module may do anything while it is imported
-        raise UnusableInput(f"--hooks {name}: {module_name} fails: {_told(error)}.") from error
+        raise UnusableInput(
+            f"--hooks {name}: {module_name} fails: {_error_text(error)}."
+        ) from error
     try:
         hooks = function()
     except (Exception, SystemExit) as error:
-        raise UnusableInput(f"--hooks {name}: {function_name} fails: {_told(error)}.") from error
+        raise UnusableInput(
+            f"--hooks {name}: {function_name} fails: {_error_text(error)}."
+        ) from error
     return _checked(hooks, name)
 
 
@@ -61,11 +65,11 @@ def _named(hook: str, function: Callable[..., Any], name: str) -> Callable[..., 
             return function(t_s, *values)
         except Exception as error:  # a person's function may raise anything
             raise CheckFailed(
-                f"--hooks {name}: its {hook} fails at {t_s:.3f} s: {_told(error)}."
+                f"--hooks {name}: its {hook} fails at {t_s:.3f} s: {_error_text(error)}."
             ) from error
 
     return called
 
 
-def _told(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {one_line(error)}"

@@ -60,9 +60,9 @@ def test_a_child_that_is_left_behind_is_noticed_and_ended(
     ended = command.ended()
     assert (ended.status, ended.children_s) == (0, None)
     end_s = time.monotonic() + 60.0
-    while command._left() and time.monotonic() < end_s:
+    while command._marked_pids() and time.monotonic() < end_s:
         time.sleep(0.02)
-    assert command._left() == []
+    assert command._marked_pids() == []
 
 
 def test_what_computes_nothing_any_more_hangs(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

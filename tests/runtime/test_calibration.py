@@ -201,7 +201,7 @@ def test_thrust_finds_scale_and_exponent_of_the_curve():
     with pytest.raises(CheckFailed, match=r"11\.60 to 12\.40 V"):
         thrust.estimate(sagging, CLIPS_KG, DIVIDED)
     steady = [with_battery(log, 12.1) for log in logs]
-    told = thrust.estimate(steady, CLIPS_KG, DIVIDED).told
+    told = thrust.estimate(steady, CLIPS_KG, DIVIDED).sentences
     assert "12.10 V" in told[0]
     assert "gap goes on assuming 0.05" in told[-1]
 
@@ -220,7 +220,7 @@ def test_a_battery_that_sags_from_mass_to_mass_does_not_bend_the_curve():
     logs = sagging_flights((volts / np.mean(volts)) ** 2)
 
     def exponent(outcome):
-        (line,) = (t for t in outcome.told if "exponent" in t and "Scale" in t)
+        (line,) = (t for t in outcome.sentences if "exponent" in t and "Scale" in t)
         return [float(number) for number in re.findall(r"exponent (\d\.\d+) ± (\d\.\d+)", line)[0]]
 
     measured = [with_battery(log, v) for log, v in zip(logs, volts, strict=True)]
@@ -236,7 +236,7 @@ def test_a_battery_that_sags_from_mass_to_mass_does_not_bend_the_curve():
     with pytest.raises(CheckFailed, match="fly the first mass again at the end"):
         thrust.estimate(logs[:3], CLIPS_KG[:3], RIG)
     three = thrust.estimate(measured[:3], CLIPS_KG[:3], DIVIDED)
-    assert "curve is that of 12.00 V" in " ".join(three.told)
+    assert "curve is that of 12.00 V" in " ".join(three.sentences)
 
 
 def test_thrust_refuses_an_exponent_that_masses_so_close_cannot_tell():

@@ -168,7 +168,7 @@ def made_of(data: EpisodeSet, lines: Callable, out: Path) -> Instant:
         if isinstance(job, TrainJob):
             return do(job, data)
         assert not lines(out), "the set is simulated again"
-        return Outcome(job.told | {"state": "done", "data_sha256": data.sha256}, made=data)
+        return Outcome(job.request | {"state": "done", "data_sha256": data.sha256}, made=data)
 
     return Instant(outcome)
 

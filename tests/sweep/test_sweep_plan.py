@@ -167,7 +167,7 @@ def test_a_rig_file_is_part_of_the_plan(tmp_path: Path) -> None:
     assert generate_job(moved).identity == job.identity
     changed = dataclasses.replace(made, rig=default_rig_text() + "\n")
     assert generate_job(changed).identity != job.identity
-    assert job.told["settings"] == {"rig": "rig.toml"}
+    assert job.request["settings"] == {"rig": "rig.toml"}
 
 
 def test_a_plan_that_is_not_there_is_named_with_the_systems_word(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ from wakedeploy.cli import main
 
 def tune(ready: Path, arguments: list[str]) -> None:
     """Tune as asked, as soon as two processes have come to `ready`."""
-    counted, enqueued = workers._left, optuna.Study.enqueue_trial
+    counted, enqueued = workers._remaining, optuna.Study.enqueue_trial
 
-    def left(study, wanted):
+    def remaining(study, wanted):
         found = counted(study, wanted)
         time.sleep(0.5)
         return found
@@ -23,7 +23,7 @@ def tune(ready: Path, arguments: list[str]) -> None:
         time.sleep(1)
         enqueued(*asked, **others)
 
-    workers._left, optuna.Study.enqueue_trial = left, enqueue_trial
+    workers._remaining, optuna.Study.enqueue_trial = remaining, enqueue_trial
     (ready / str(os.getpid())).touch()
     while len(list(ready.iterdir())) < 2:
         time.sleep(0.05)

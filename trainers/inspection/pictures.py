@@ -176,7 +176,7 @@ def _stretch(forces: Floats) -> tuple[float, slice]:
 def _forces(axes: "Axes", shown: _Shown, at: int, channel: Quantity, test: Scores | None) -> None:
     axes.plot(shown.time_s, shown.true[:, at], color=figures.TRUE, label="true")
     axes.plot(shown.time_s, shown.predicted[:, at], color=figures.PREDICTED, label="predicted")
-    axes.set(title=_told(shown, at, channel, test), ylabel=f"[{channel.unit}]")
+    axes.set(title=_error_title(shown, at, channel, test), ylabel=f"[{channel.unit}]")
     figures.legend(axes)
 
 
@@ -187,7 +187,7 @@ def _residual(axes: "Axes", shown: _Shown, at: int, channel: Quantity) -> None:
     axes.set_ylabel(f"predicted − true [{channel.unit}]", fontsize=7)
 
 
-def _told(shown: _Shown, at: int, channel: Quantity, test: Scores | None) -> str:
+def _error_title(shown: _Shown, at: int, channel: Quantity, test: Scores | None) -> str:
     """The error over what is shown and, where it is known, over the whole split."""
     rmse = float(np.sqrt(np.mean((shown.predicted[:, at] - shown.true[:, at]) ** 2)))
     here = f"{channel.name}: RMSE {rmse:.3g} {channel.unit} here"

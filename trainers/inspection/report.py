@@ -34,11 +34,11 @@ def write_run_report(run: TrainedRun) -> Path:
     path = run.folder / REPORT
     if path.exists() and path.stat().st_mtime_ns >= (run.folder / METRICS).stat().st_mtime_ns:
         return path
-    write_text_whole(path, pages.page("trainers.inspection", "run.html", **_told(run)))
+    write_text_whole(path, pages.page("trainers.inspection", "run.html", **_page_fields(run)))
     return path
 
 
-def _told(run: TrainedRun) -> dict[str, Any]:
+def _page_fields(run: TrainedRun) -> dict[str, Any]:
     config, metrics = run.config, run.metrics
     chart = _chart(run)
     names = [PREDICTION] if chart else [CURVES, PREDICTION]

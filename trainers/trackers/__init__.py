@@ -32,9 +32,9 @@ class Tracked(Protocol):
 
 
 class Tracker(Protocol):
-    """`told` says where it keeps things and how to look; `failures` is what it may raise."""
+    """`whereabouts` says where it keeps things and how to look; `failures` is what it may raise."""
 
-    told: str
+    whereabouts: str
     failures: tuple[type[Exception], ...]
 
     def why(self, failure: Exception) -> str:

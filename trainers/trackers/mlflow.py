@@ -61,10 +61,13 @@ class MlFlow:
                 f"--tracker mlflow: the store {self.store} cannot be used ({self.why(error)}); set"
                 " MLFLOW_TRACKING_URI to another, or leave it out for one beside the runs."
             ) from error
-        self.told = f"MLflow: runs go into {self.store}, experiment {self.experiment.name}" + (
-            "."
-            if given
-            else f"; look with `mlflow ui --backend-store-uri {shlex.quote(self.store)}`."
+        self.whereabouts = (
+            f"MLflow: runs go into {self.store}, experiment {self.experiment.name}"
+            + (
+                "."
+                if given
+                else f"; look with `mlflow ui --backend-store-uri {shlex.quote(self.store)}`."
+            )
         )
 
     def why(self, failure: Exception) -> str:

@@ -25,7 +25,7 @@ class TensorBoard:
     failures: tuple[type[Exception], ...] = (OSError,)
 
     def __init__(self, out: Path) -> None:
-        self.told = f"TensorBoard: look with `tensorboard --logdir {shlex.quote(str(out))}`."
+        self.whereabouts = f"TensorBoard: look with `tensorboard --logdir {shlex.quote(str(out))}`."
 
     def why(self, failure: Exception) -> str:
         """A failure in one line."""

@@ -118,7 +118,7 @@ def _preset(
         **described(work.plan, work.data),
         "pruner": ", ".join(dict.fromkeys(t.user_attrs.get(PRUNER, "unknown") for t in counting)),
         "name": study.study_name,
-        "kept_in": work.place.told,
+        "kept_in": work.place.portable_name,
         "date": max(ended).date().isoformat(),
         "trials": sum(counts.values()),
         "trials_by_state": dict(counts),

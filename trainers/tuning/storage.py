@@ -51,7 +51,7 @@ class Place:
         self.name = str(out / JOURNAL) if self._url is None else _shown(self._url)
 
     @property
-    def told(self) -> str:
+    def portable_name(self) -> str:
         """The same for files that travel: without the path of a folder on this machine."""
         return JOURNAL if self._url is None else self.name
 

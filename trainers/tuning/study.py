@@ -64,7 +64,7 @@ def is_new(study: optuna.Study, point: Point) -> bool:
     """Whether the study neither tried a point nor has it in the queue, as it would be trained."""
     arch = arch_of(study)
     asked = split(arch, point)
-    tried = ({**_told(trial), **trained_point(arch, trial)} for trial in all_trials(study))
+    tried = ({**_fixed_params(trial), **trained_point(arch, trial)} for trial in all_trials(study))
     return all(split(arch, known) != asked for known in tried)
 
 
@@ -157,10 +157,10 @@ def _enqueue_again(study: optuna.Study, trial: FrozenTrial, marks: dict[str, Any
 
 def _point(trial: FrozenTrial) -> dict[str, Any]:
     """What was drawn of a trial's point, or what it had been told."""
-    return {**_told(trial), **trial.params}
+    return {**_fixed_params(trial), **trial.params}
 
 
-def _told(trial: FrozenTrial) -> dict[str, Any]:
+def _fixed_params(trial: FrozenTrial) -> dict[str, Any]:
     fixed: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
     return fixed
 

@@ -109,7 +109,7 @@ class Work:
             paper = None if begun else reference_point(self.plan)
             new = [point for point in starts if is_new(study, point) and point != paper]
             queued = len(new) + waiting(study) + (paper is not None)
-            free = _left(study, self.trials) - queued
+            free = _remaining(study, self.trials) - queued
             if new and free < 0:
                 raise UnusableInput(
                     f"--start: there is no trial left for {-free} of {queued} points to begin at;"
@@ -134,7 +134,7 @@ def _check_folder(work: Work) -> None:
     settings = {
         "name": work.name,
         "data_sha256": work.plan.data_sha256,
-        "kept_in": work.place.told,
+        "kept_in": work.place.portable_name,
     }
     for what, value in settings.items():
         if there.get(what) != value:
@@ -178,14 +178,14 @@ def run_trials(
     with work.place.reachable(), interruptible():
         give_back_of_the_dead(study, elsewhere=work.give_up_elsewhere)
         on_trials(study)
-        remaining = _left(study, work.trials)
+        remaining = _remaining(study, work.trials)
         if min(workers, remaining) <= 1:
             _run_here(work, study, data, on_trials)
         else:
             _Crew(work, study, on_trials).run(min(workers, remaining))
 
 
-def _left(study: optuna.Study, wanted: int) -> int:
+def _remaining(study: optuna.Study, wanted: int) -> int:
     trials = all_trials(study)
     return wanted - len(finished(trials)) - len(running(trials))
 
@@ -198,7 +198,7 @@ def _run_here(
     objective = Objective(work.plan, data, work.step_cost, work.device)
     while True:
         with work.turn() as leave:  # so that no two count the same trial as theirs
-            if _left(study, work.trials) <= 0:
+            if _remaining(study, work.trials) <= 0:
                 return
             begun = functools.partial(objective, on_begun=leave)
             try:
@@ -252,7 +252,7 @@ class _Crew:
     def _dismiss(self, member: SpawnProcess) -> None:
         """A worker that ended: with its work, with an error, or killed."""
         reading = self.members.pop(member)
-        error = _told(reading)
+        error = _worker_error(reading)
         if error is not None:
             raise error
         if member.exitcode == 0:
@@ -264,7 +264,7 @@ class _Crew:
                 f"Workers end before they begin a trial (exit status {member.exitcode}); is there"
                 " enough memory for --workers?"
             )
-        if _left(self.study, self.work.trials) > 0:
+        if _remaining(self.study, self.work.trials) > 0:
             self._hire()
 
     def _end_all(self) -> None:
@@ -281,7 +281,7 @@ class _Crew:
             self.members.clear()
 
 
-def _told(reading: Connection) -> Exception | None:
+def _worker_error(reading: Connection) -> Exception | None:
     """What a worker said before it ended, if it was not killed."""
     try:
         error: Exception | None = reading.recv() if reading.poll() else None

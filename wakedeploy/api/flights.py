@@ -221,7 +221,7 @@ class Flights(Sequence[Flight]):
                 if flights is None:
                     continue
                 errors_mm = [1e3 * flight.rmse_m for flight in flights.flown]
-                label = f"{flights._controller}: {flights._told}"
+                label = f"{flights._controller}: {flights._rmse_text}"
                 seeds = [flight.seed for flight in flights.flown]
                 axes.plot(seeds, errors_mm, "o", markersize=4, color=colour, label=label)
                 axes.axhline(flights.rmse_mm, color=colour, linewidth=0.8)
@@ -248,12 +248,12 @@ class Flights(Sequence[Flight]):
         return "PID alone" if self.flown[0].controller == PID else "PID and feedforward"
 
     @property
-    def _told(self) -> str:
+    def _rmse_text(self) -> str:
         error = "" if math.isnan(self.rmse_se_mm) else f" ± {self.rmse_se_mm:.1f}"
         return f"RMSE {self.rmse_mm:.1f}{error} mm"
 
     def __repr__(self) -> str:
-        text = f"<{len(self)} Flights, {self._controller}: {self._told}"
+        text = f"<{len(self)} Flights, {self._controller}: {self._rmse_text}"
         other = "" if self.baseline is None else f"; PID alone {self.baseline.rmse_mm:.1f} mm"
         early = len(self.ended_early)
         return f"{text}{other}{f'; {early} ended early' if early else ''}>"

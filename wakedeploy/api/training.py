@@ -285,7 +285,7 @@ def _opened(tracker: str | None, out: Path, warn: Warn) -> "Tracker | None":
     if tracker is None:
         return None
     opened = open_tracker(tracker, out)
-    warn(opened.told)
+    warn(opened.whereabouts)
     return opened
 
 
@@ -372,7 +372,9 @@ def _trained_runs(
         trained = list(runs)
         for run in trained:
             if why := misfit(run.config, data):
-                raise UnusableInput(f"{run.folder} cannot be evaluated on {_told(place)}: {why}.")
+                raise UnusableInput(
+                    f"{run.folder} cannot be evaluated on {_place_text(place)}: {why}."
+                )
     else:
         folders = _that_fit(finished_runs(Path(runs)), data, place, warn)
         trained = []
@@ -382,7 +384,7 @@ def _trained_runs(
     return sorted(trained, key=_place_in_table)
 
 
-def _told(place: object) -> str:
+def _place_text(place: object) -> str:
     return f"this {place.domain} set" if hasattr(place, "domain") else str(place)
 
 
@@ -394,7 +396,7 @@ def _that_fit(folders: list[Path], data: "EpisodeSet", place: object, warn: Warn
     fitting = [folder for folder in folders if misfits[folder] is None]
     first, why = next(((f, w) for f, w in misfits.items() if w is not None), (None, None))
     if not fitting:
-        raise UnusableInput(f"{first} cannot be evaluated on {_told(place)}: {why}.")
+        raise UnusableInput(f"{first} cannot be evaluated on {_place_text(place)}: {why}.")
     if first is not None:
         others = len(folders) - len(fitting)
         warn(f"Left out {others} runs that do not fit the set; {first}: {why}.")

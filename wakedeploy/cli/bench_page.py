@@ -117,7 +117,7 @@ class _Bars:
     rows: "Sequence[BenchRow]"
     budget_ms: float
 
-    width, left, right = _WIDTH, _LEFT, _RIGHT
+    width, x_left, x_right = _WIDTH, _LEFT, _RIGHT
 
     @property
     def height(self) -> int:
@@ -132,7 +132,7 @@ class _Bars:
         """Where a time lies across."""
         low, high = self._range
         share = math.log(max(value_ms, low) / low) / math.log(high / low)
-        return round(self.left + share * (self.right - self.left), 1)
+        return round(self.x_left + share * (self.x_right - self.x_left), 1)
 
     @property
     def ticks(self) -> list[tuple[float, str]]:

@@ -217,7 +217,7 @@ class Request:
             for name, known in outcome.constants.items()
         ]
         print_table(f"{self.out}", ["constant", "before", "now", "spread"], rows)
-        for sentence in outcome.told:
+        for sentence in outcome.sentences:
             click.echo(sentence)
         if not kept:
             click.echo(f"{self.out} had to be written anew; its comments are lost.")
@@ -234,7 +234,7 @@ class Request:
                 }
                 for name, known in outcome.constants.items()
             }
-            write_json(self.json_path, {"constants": constants, "told": list(outcome.told)})
+            write_json(self.json_path, {"constants": constants, "told": list(outcome.sentences)})
 
 
 def shared_options(command: Command) -> Command:

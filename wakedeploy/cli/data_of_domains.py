@@ -129,7 +129,7 @@ def _with(command: click.Command, options: tuple[Callable[..., Any], ...]) -> cl
 
 def _help(name: str, known: "Domain") -> str:
     examples = "\n".join(f"    wakedeploy data {name} {arguments}" for arguments in known.examples)
-    return f"{known.told}\n\n\b\nExample:\n{examples}"
+    return f"{known.help_text}\n\n\b\nExample:\n{examples}"
 
 
 def _option(setting: "Setting") -> Callable[..., Any]:

@@ -145,7 +145,7 @@ def c_of_package(wish: CWish, data: Path | None) -> dict[str, Any]:
         written = compiled.c_of_package(
             package, wish.folder, wish.for_export(), episodes, bar.update
         )
-    return _told(written)
+    return _report(written)
 
 
 def c_of_run(
@@ -157,10 +157,10 @@ def c_of_run(
     assert wish.folder is not None
     with progress("Writing C", 1) as bar:
         written = compiled.c_of_run(package, run, wish.folder, wish.for_export(), data, bar.update)
-    return _told(written)
+    return _report(written)
 
 
-def _told(folder: "CFolder") -> dict[str, Any]:
+def _report(folder: "CFolder") -> dict[str, Any]:
     _tell(folder)
     return json_of_c(folder)
 

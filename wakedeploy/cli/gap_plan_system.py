@@ -31,15 +31,15 @@ def run_plan(
     """Which input to record next, on the terminal and as files."""
     from wakedeploy.gap.systems.planning.plan import plan
 
-    told = _named(out)
-    chosen = names or tuple(told.get("class", ()))
+    answer = _named(out)
+    chosen = names or tuple(answer.get("class", ()))
     if not chosen:
         raise UnusableInput(
             "Say what to look for: --class NAME, or --out with a class in name.json."
         )
     with stages() as progress:
         model, base = _fitted(system_path, measured, columns, progress)
-        made = plan(model, base, chosen, _sizes(told, model, chosen),
+        made = plan(model, base, chosen, _sizes(answer, model, chosen),
                     lambda done, of: progress("trying inputs", done, of))  # fmt: skip
     _tell(made)
     if json_path is not None:
@@ -57,20 +57,22 @@ def run_power(
 
     with stages() as progress:
         model, base = _fitted(system_path, measured, columns, progress)
-        told = power(model, base, steps=lambda done, of: progress("trying effects", done, of))
+        detectable = power(model, base, steps=lambda done, of: progress("trying effects", done, of))
     print_table(
         "The smallest size that logs like these tell, four times in five",
         ["effect", "of", "seen", "named", "nearest rival", "matters", "unit"],
         [[e.name, e.parameter, _number(e.detected), _number(e.named), e.rival,
-          _number(e.matters), e.unit] for e in told.effects],
+          _number(e.matters), e.unit] for e in detectable.effects],
     )  # fmt: skip
     click.echo(
-        f"Seen: gains more than chance, {told.threshold_nats:.1f} nats. Named: also ahead of its "
-        "nearest rival. Matters: removes a hundredth of the squared forecast error."
+        f"Seen: gains more than chance, {detectable.threshold_nats:.1f} nats. Named: also ahead of "
+        "its nearest rival. Matters: removes a hundredth of the squared forecast error."
     )
     if out is not None:
-        rows = [{k: _finite(v) for k, v in vars(e).items()} for e in told.effects]
-        write_json(out / "power.json", {"threshold_nats": told.threshold_nats, "effects": rows})
+        rows = [{k: _finite(v) for k, v in vars(e).items()} for e in detectable.effects]
+        write_json(
+            out / "power.json", {"threshold_nats": detectable.threshold_nats, "effects": rows}
+        )
         click.echo(f"Written: {out / 'power.json'}")
 
 
@@ -94,17 +96,17 @@ def _named(out: Path | None) -> dict[str, Any]:
     if out is None:
         return {}
     try:
-        told = json_of(text_of(out / "name.json"))
+        answer = json_of(text_of(out / "name.json"))
     except (OSError, ValueError) as error:
         raise UnusableInput(f"{out / 'name.json'} cannot be read; `gap name` writes it.") from error
-    return told if isinstance(told, dict) else {}
+    return answer if isinstance(answer, dict) else {}
 
 
 def _sizes(
-    told: dict[str, Any], model: "LogModel", names: tuple[str, ...]
+    answer: dict[str, Any], model: "LogModel", names: tuple[str, ...]
 ) -> dict[str, tuple[float, ...]]:
     """The parameters of the effects as the first round that ranked them fitted them."""
-    ranking = {e["name"]: e["parameters"] for r in told.get("rounds", ()) for e in r["ranking"]}
+    ranking = {e["name"]: e["parameters"] for r in answer.get("rounds", ()) for e in r["ranking"]}
     return {
         name: tuple(float(ranking[name][f.name]["value"]) for f in model.effects[name])
         for name in names
@@ -147,9 +149,9 @@ def _write_input(path: Path, model: "LogModel", made: "Plan") -> None:
 
 
 def _row(option: Any) -> dict[str, Any]:
-    told = {"input": option.excitation.name, "description": option.excitation.description}
+    labels = {"input": option.excitation.name, "description": option.excitation.description}
     kept = {k: getattr(option, k) for k in ("moved", "share", "seconds", "nats", "logs")}
-    return told | kept
+    return labels | kept
 
 
 def _number(value: float) -> str:

@@ -86,16 +86,18 @@ def check(
         progress("fitting the noise")
         base = checked_base(model)
         progress("moving constants and effects")
-        told = rows(
+        sensitivities = rows(
             model, base, lambda done, of: progress("moving constants and effects", done, of)
         )
     print_table(
         "What they move, in standard deviations of the prediction errors",
         ["constant or effect", "moves", "others free", "looks like"],
-        [[r.name, _share(r.moved), _share(r.left), ", ".join(r.like)] for r in told],
+        [[r.name, _share(r.moved), _share(r.left), ", ".join(r.like)] for r in sensitivities],
     )
     if json_path:
-        write_json(json_path, {"rows": [vars(r) for r in told], "notes": column_notes(model)})
+        write_json(
+            json_path, {"rows": [vars(r) for r in sensitivities], "notes": column_notes(model)}
+        )
 
 
 def _share(value: float) -> str:
@@ -130,18 +132,18 @@ def simulate(
         raise click.UsageError("Missing option '--system'.")
     system = read_system(system_path)
     better = None if correction is None else type(system).corrected(correction)
-    rows, told = [], {}
+    rows, errors = [], {}
     for recording in recordings(measured, columns, system):
         plain = replay_error(system, recording)
         after = {} if better is None else replay_error(better, recording)
-        told[recording.name] = {"without": plain, "with": after}
+        errors[recording.name] = {"without": plain, "with": after}
         for output in system.outputs:
             value = f"{after[output.name]:.4g}" if after else ""
             row = [recording.name, output.name, f"{plain[output.name]:.4g}", value, output.unit]
             rows.append(row)
     print_table("rms error of the replay", ["log", "output", "without", "with", "unit"], rows)
     if json_path:
-        write_json(json_path, told)
+        write_json(json_path, errors)
 
 
 def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
@@ -191,18 +193,18 @@ def run_steps(
         progress("reading the logs")
         folder = OwnFolder(open_model(system_path, measured, columns), out, progress)
         try:
-            told: Artefact = run(folder, step)
-            if isinstance(told, Result):
+            artefact: Artefact = run(folder, step)
+            if isinstance(artefact, Result):
                 progress("drawing the report")
                 asked = [f"--measured {shlex.quote(str(path))}" for path in measured]
                 asked += [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
-                after = _next(told, system_path, " ".join(asked), out)
-                said = [each.strip() for each in sentences(told)]
-                page = write_page(told, out, said=said, next_commands=after)
+                after = _next(artefact, system_path, " ".join(asked), out)
+                said = [each.strip() for each in sentences(artefact)]
+                page = write_page(artefact, out, said=said, next_commands=after)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
-    for sentence in sentences(told):
+    for sentence in sentences(artefact):
         click.echo(sentence)
     if step not in ("find", "name"):
         click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
@@ -213,21 +215,21 @@ def run_steps(
     for command in after:
         click.echo(f"Next: {command}")
     if json_path:
-        told.write(json_path)
+        artefact.write(json_path)
 
 
-def _next(told: "Result", system_path: Path, logs: str, out: Path) -> list[str]:
+def _next(result: "Result", system_path: Path, logs: str, out: Path) -> list[str]:
     """Replay what was named; plan what tells a class apart; else see what these logs show."""
     from wakedeploy.gap.systems.own_folder import CORRECTION
 
     system = shlex.quote(str(system_path))
-    if told.verdict == "none" and not told.moved:
+    if result.verdict == "none" and not result.moved:
         return [f"wakedeploy gap power --system {system} {logs}"]
-    if told.verdict == "unknown" or told.moved or not told.effects:
+    if result.verdict == "unknown" or result.moved or not result.effects:
         return [f"wakedeploy gap check {system} {logs}"]
     correction = shlex.quote(str(out / CORRECTION))
     replay = f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"
-    if told.verdict != "class":
+    if result.verdict != "class":
         return [replay]
     folder = shlex.quote(str(out))
     plan = f"wakedeploy gap plan --system {system} {logs} --out {folder} --write-input next.csv"

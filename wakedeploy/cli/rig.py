@@ -81,8 +81,8 @@ def _flat(table: dict[str, Any], above: str = "") -> dict[str, str]:
 
 def _text(value: Any) -> str:
     if isinstance(value, list):
-        told = (entry["name"] if isinstance(entry, dict) else f"{entry:g}" for entry in value)
-        return ", ".join(told) or "none"
+        texts = (entry["name"] if isinstance(entry, dict) else f"{entry:g}" for entry in value)
+        return ", ".join(texts) or "none"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

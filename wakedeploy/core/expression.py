@@ -92,8 +92,8 @@ class Binary:
     """One of + - * / ** between two operands."""
 
     operator: str
-    left: "Node"
-    right: "Node"
+    left_operand: "Node"
+    right_operand: "Node"
 
 
 @dataclass(frozen=True)
@@ -181,8 +181,8 @@ def nodes(root: Node) -> Iterator[Node]:
     if isinstance(root, Negative):
         yield from nodes(root.operand)
     elif isinstance(root, Binary):
-        yield from nodes(root.left)
-        yield from nodes(root.right)
+        yield from nodes(root.left_operand)
+        yield from nodes(root.right_operand)
     elif isinstance(root, Call):
         for argument in root.arguments:
             yield from nodes(argument)
@@ -219,16 +219,16 @@ class _Parser:
         return token
 
     def _sum(self) -> Node:
-        left = self._product()
+        tree = self._product()
         while self._peek.text in ("+", "-"):
-            left = Binary(self._take().text, left, self._product())
-        return left
+            tree = Binary(self._take().text, tree, self._product())
+        return tree
 
     def _product(self) -> Node:
-        left = self._signed()
+        tree = self._signed()
         while self._peek.text in ("*", "/"):
-            left = Binary(self._take().text, left, self._signed())
-        return left
+            tree = Binary(self._take().text, tree, self._signed())
+        return tree
 
     def _signed(self) -> Node:
         if self._peek.text not in ("+", "-"):
@@ -344,7 +344,7 @@ def _compile(node: Node) -> Compiled:
     if isinstance(node, Negative):
         operand = _compile(node.operand)
         return lambda values: np.negative(operand(values))
-    parts = node.arguments if isinstance(node, Call) else (node.left, node.right)
+    parts = node.arguments if isinstance(node, Call) else (node.left_operand, node.right_operand)
     table = FUNCTIONS[node.function] if isinstance(node, Call) else _OPERATORS[node.operator]
     return _applied(table[1], [_compile(part) for part in parts])
 
@@ -353,8 +353,8 @@ def _applied(function: Function, arguments: list[Compiled]) -> Compiled:
     if len(arguments) == 1:
         only = arguments[0]
         return lambda values: function(only(values))
-    left, right = arguments
-    return lambda values: function(left(values), right(values))
+    first, second = arguments
+    return lambda values: function(first(values), second(values))
 
 
 def _format(node: Node) -> tuple[str, int]:
@@ -372,10 +372,16 @@ def _format(node: Node) -> tuple[str, int]:
         return f"-{_bracketed(node.operand, _SIGN)}", _SIGN
     strength = _OPERATORS[node.operator][0]
     if node.operator == "**":  # to the right of it even a sign needs no brackets
-        return f"{_bracketed(node.left, _ATOM)}**{_bracketed(node.right, _SIGN)}", strength
+        return (
+            f"{_bracketed(node.left_operand, _ATOM)}**{_bracketed(node.right_operand, _SIGN)}",
+            strength,
+        )
     space = " " if strength == 1 else ""
-    left, right = _bracketed(node.left, strength), _bracketed(node.right, strength + 1)
-    return f"{left}{space}{node.operator}{space}{right}", strength
+    left_text, right_text = (
+        _bracketed(node.left_operand, strength),
+        _bracketed(node.right_operand, strength + 1),
+    )
+    return f"{left_text}{space}{node.operator}{space}{right_text}", strength
 
 
 def _bracketed(node: Node, least: int) -> str:
@@ -392,6 +398,8 @@ def _replaced(node: Node, trees: Mapping[str, Node]) -> Node:
     if isinstance(node, Negative):
         return Negative(_replaced(node.operand, trees))
     if isinstance(node, Binary):
-        left, right = (_replaced(part, trees) for part in (node.left, node.right))
-        return Binary(node.operator, left, right)
+        left_operand, right_operand = (
+            _replaced(part, trees) for part in (node.left_operand, node.right_operand)
+        )
+        return Binary(node.operator, left_operand, right_operand)
     return Call(node.function, tuple(_replaced(part, trees) for part in node.arguments))

@@ -31,8 +31,8 @@ class LineChart:
     y_label: str
 
     width, height = WIDTH, HEIGHT
-    left, right = _LEFT, WIDTH - _RIGHT
-    top, bottom = _TOP, HEIGHT - _BOTTOM
+    x_left, x_right = _LEFT, WIDTH - _RIGHT
+    y_top, y_bottom = _TOP, HEIGHT - _BOTTOM
 
     @property
     def _points(self) -> list[tuple[float, float]]:
@@ -82,11 +82,15 @@ class LineChart:
 
     def _across(self, x: float) -> float:
         low, high = self._x_range
-        return round(self.left + (self.right - self.left) * (x - low) / ((high - low) or 1.0), 1)
+        return round(
+            self.x_left + (self.x_right - self.x_left) * (x - low) / ((high - low) or 1.0), 1
+        )
 
     def _up(self, y: float) -> float:
         low, high = self._y_range
-        return round(self.bottom - (self.bottom - self.top) * (y - low) / ((high - low) or 1.0), 1)
+        return round(
+            self.y_bottom - (self.y_bottom - self.y_top) * (y - low) / ((high - low) or 1.0), 1
+        )
 
 
 def _known(curve: Curve) -> list[tuple[float, float]]:

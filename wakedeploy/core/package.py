@@ -205,7 +205,7 @@ def _require_own_graph(manifest: Manifest, graph: Graph, name: str) -> None:
         expected = [(key, FLOAT32, shape) for key, shape in declared.items()]
         if expected != [(t.name, t.element, t.shape[1:]) for t in found]:
             raise UnusableInput(
-                f"{name}: its graph {word} {_told(found)} but its manifest declares"
+                f"{name}: its graph {word} {_tensors_text(found)} but its manifest declares"
                 f" {_declared(declared)} as float32; {_REMAKE}"
             )
     if any(isinstance(tensor.shape[0], int) for tensor in graph.inputs):
@@ -230,7 +230,7 @@ def _require_bounded(manifest: Manifest, graph: Graph, batch: int, name: str) ->
             )
 
 
-def _told(tensors: tuple[Tensor, ...]) -> str:
+def _tensors_text(tensors: tuple[Tensor, ...]) -> str:
     texts = [f"{quoted(t.name)} ({', '.join(map(str, t.shape))})"[:100] for t in tensors[:8]]
     return ", ".join(texts) or "nothing"
 

@@ -77,65 +77,65 @@ class Quantity(NamedTuple):
         return Quantity(self.factor**power, tuple(power * a for a in self.powers))
 
 
-def _one(factor: Fraction | int | str, **powers: int) -> Quantity:
+def _unit(factor: Fraction | int | str, **powers: int) -> Quantity:
     return Quantity(Fraction(factor), tuple(powers.get(base, 0) for base in _BASES))
 
 
 _G = Fraction("9.80665")  # m/s², of which gram-force and pound-force are made
 _POUND = Fraction("0.45359237")
 _PREFIXED = {  # as they are, and with one of _PREFIXES before them
-    "m": _one(1, m=1),
-    "g": _one(Fraction(1, 1000), kg=1),
-    "s": _one(1, s=1),
-    "N": _one(1, m=1, kg=1, s=-2),
-    "Ns": _one(1, m=1, kg=1, s=-1),
-    "Nm": _one(1, m=2, kg=1, s=-2),
-    "gf": _one(_G / 1000, m=1, kg=1, s=-2),
-    "Hz": _one(1, s=-1),
-    "V": _one(1, m=2, kg=1, s=-3, a=-1),
-    "A": _one(1, a=1),
-    "W": _one(1, m=2, kg=1, s=-3),
-    "J": _one(1, m=2, kg=1, s=-2),
-    "K": _one(1, k=1),
-    "Pa": _one(1, m=-1, kg=1, s=-2),
-    "T": _one(1, kg=1, s=-2, a=-1),
-    "ohm": _one(1, m=2, kg=1, s=-3, a=-2),
-    "rad": _one(1),
-    "mps": _one(1, m=1, s=-1),
+    "m": _unit(1, m=1),
+    "g": _unit(Fraction(1, 1000), kg=1),
+    "s": _unit(1, s=1),
+    "N": _unit(1, m=1, kg=1, s=-2),
+    "Ns": _unit(1, m=1, kg=1, s=-1),
+    "Nm": _unit(1, m=2, kg=1, s=-2),
+    "gf": _unit(_G / 1000, m=1, kg=1, s=-2),
+    "Hz": _unit(1, s=-1),
+    "V": _unit(1, m=2, kg=1, s=-3, a=-1),
+    "A": _unit(1, a=1),
+    "W": _unit(1, m=2, kg=1, s=-3),
+    "J": _unit(1, m=2, kg=1, s=-2),
+    "K": _unit(1, k=1),
+    "Pa": _unit(1, m=-1, kg=1, s=-2),
+    "T": _unit(1, kg=1, s=-2, a=-1),
+    "ohm": _unit(1, m=2, kg=1, s=-3, a=-2),
+    "rad": _unit(1),
+    "mps": _unit(1, m=1, s=-1),
 }
 _ALONE = {
-    "1": _one(1),
-    "-": _one(1),
-    "": _one(1),
-    "%": _one(Fraction(1, 100)),
-    "deg": _one(Fraction(math.pi / 180.0)),
-    "°": _one(Fraction(math.pi / 180.0)),
-    "rpm": _one(Fraction(math.pi) / 30, s=-1),
-    "bar": _one(100_000, m=-1, kg=1, s=-2),
-    "min": _one(60, s=1),
-    "h": _one(3600, s=1),
-    "in": _one("0.0254", m=1),
-    "ft": _one("0.3048", m=1),
-    "lb": _one(_POUND, kg=1),
-    "oz": _one(_POUND / 16, kg=1),
-    "lbf": _one(_POUND * _G, m=1, kg=1, s=-2),
-    "step": _one(1, step=1),
-    "steps": _one(1, step=1),
-    "mps2": _one(1, m=1, s=-2),
-    "m2ps": _one(1, m=2, s=-1),
-    "kmh": _one(Fraction(1000, 3600), m=1, s=-1),
-    "knots": _one(Fraction(1852, 3600), m=1, s=-1),
-    "dps": _one(Fraction(math.pi / 180.0), s=-1),
-    "rev": _one(2 * Fraction(math.pi)),
-    "rps": _one(2 * Fraction(math.pi), s=-1),
-    "Nmm": _one(Fraction(1, 1000), m=2, kg=1, s=-2),
-    "l": _one(Fraction(1, 1000), m=3),
-    "L": _one(Fraction(1, 1000), m=3),
-    "ml": _one(Fraction(1, 10**6), m=3),
-    "mL": _one(Fraction(1, 10**6), m=3),
-    "mbar": _one(100, m=-1, kg=1, s=-2),
-    "psi": _one(_POUND * _G / Fraction("0.0254") ** 2, m=-1, kg=1, s=-2),
-    "counts": _one(1),
+    "1": _unit(1),
+    "-": _unit(1),
+    "": _unit(1),
+    "%": _unit(Fraction(1, 100)),
+    "deg": _unit(Fraction(math.pi / 180.0)),
+    "°": _unit(Fraction(math.pi / 180.0)),
+    "rpm": _unit(Fraction(math.pi) / 30, s=-1),
+    "bar": _unit(100_000, m=-1, kg=1, s=-2),
+    "min": _unit(60, s=1),
+    "h": _unit(3600, s=1),
+    "in": _unit("0.0254", m=1),
+    "ft": _unit("0.3048", m=1),
+    "lb": _unit(_POUND, kg=1),
+    "oz": _unit(_POUND / 16, kg=1),
+    "lbf": _unit(_POUND * _G, m=1, kg=1, s=-2),
+    "step": _unit(1, step=1),
+    "steps": _unit(1, step=1),
+    "mps2": _unit(1, m=1, s=-2),
+    "m2ps": _unit(1, m=2, s=-1),
+    "kmh": _unit(Fraction(1000, 3600), m=1, s=-1),
+    "knots": _unit(Fraction(1852, 3600), m=1, s=-1),
+    "dps": _unit(Fraction(math.pi / 180.0), s=-1),
+    "rev": _unit(2 * Fraction(math.pi)),
+    "rps": _unit(2 * Fraction(math.pi), s=-1),
+    "Nmm": _unit(Fraction(1, 1000), m=2, kg=1, s=-2),
+    "l": _unit(Fraction(1, 1000), m=3),
+    "L": _unit(Fraction(1, 1000), m=3),
+    "ml": _unit(Fraction(1, 10**6), m=3),
+    "mL": _unit(Fraction(1, 10**6), m=3),
+    "mbar": _unit(100, m=-1, kg=1, s=-2),
+    "psi": _unit(_POUND * _G / Fraction("0.0254") ** 2, m=-1, kg=1, s=-2),
+    "counts": _unit(1),
 }
 _SPOKEN = {  # as people write them out
     "%": "pct percent",
@@ -256,7 +256,7 @@ def _read(text: str) -> Quantity | None:
     plain = plain.replace("**", "^").replace(" per ", "/").strip()
     if plain.replace("µ", "u") in _OTHERS:
         return None
-    whole, at = _ALONE.get(plain, _one(1)), 0
+    whole, at = _ALONE.get(plain, _unit(1)), 0
     while plain not in _ALONE and at < len(plain):
         part = _PART.match(plain, at)
         read = None if part is None else _part(part)

@@ -190,7 +190,7 @@ def _time(file: Path, arrays: Arrays) -> Vector:
 
 DOMAIN = Recorded(
     main="force_z_n",
-    told="""Import flights of two Crazyflies that swap places (.npz, 100 Hz, real downwash).
+    help_text="""Import flights of two Crazyflies that swap places (.npz, 100 Hz, real downwash).
 
 PATH is any folder with swap_ss_*, swap_sl_* or swap_ll_* (small, large; in sl a is the
 large one), a flight each, which becomes two episodes, one for either sufferer. Keys: t [s]; a_

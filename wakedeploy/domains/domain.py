@@ -49,12 +49,12 @@ class Setting:
 class _Domain:
     """What is true of all domains.
 
-    `main` is the force channel that figures show. `told` are paragraphs and `examples` the
+    `main` is the force channel that figures show. `help_text` is paragraphs and `examples` the
     arguments behind its command, both for the command's help.
     """
 
     main: str
-    told: str
+    help_text: str
     examples: tuple[str, ...]
 
 

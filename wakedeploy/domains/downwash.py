@@ -227,7 +227,7 @@ def make_set(
             "minutes": minutes,
             "spread": spread,
             "own_motion": [*OWN_MOTION],
-            **({} if world is None else {"world": _told(world)}),
+            **({} if world is None else {"world": _world_json(world)}),
         },
     )
 
@@ -264,7 +264,7 @@ def shifted(seeds: Sequence[int], spread: float, world: World | None = None) -> 
     )
 
 
-def _told(world: World) -> dict[str, JsonValue]:
+def _world_json(world: World) -> dict[str, JsonValue]:
     """A world as JSON."""
     plain = {name: value for name, value in vars(world).items() if name != "grid"}
     numbers = {name: np.asarray(value, float).tolist() for name, value in plain.items()}
@@ -354,7 +354,7 @@ def _ways(seeds: Sequence[int], world: World, steps: int) -> tuple[FloatArray, F
 
 DOMAIN = Simulated(
     main="force_z_n",
-    told="Fly two planar multicopters one above the other in the paper's 2D wake field.",
+    help_text="Fly two planar multicopters one above the other in the paper's 2D wake field.",
     examples=("--out sets/downwash --minutes 30 --seed 0",),
     make=make_set,
     study_minutes=20.0,

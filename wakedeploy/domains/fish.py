@@ -206,7 +206,7 @@ class _MatFile:
 
 DOMAIN = Recorded(
     main="flag_tip_m",
-    told="""Import recordings of a flag behind a flapping foil (…_Foil, …_Flag2 and …_LDV.mat).
+    help_text="""Import recordings of a flag behind a flapping foil (…_Foil, …_Flag2 and …_LDV.mat).
 
 PATH is the repository, its data folder, or any folder with such files.""",
     examples=("TE-analysis-for-multi-pathway-interaction --out sets/fish",),

@@ -216,7 +216,7 @@ def _as_set(
 
 DOMAIN = Simulated(
     main="force_z_n",
-    told="""Fly the simulated gantry closed loop: half PID alone, half with feedforward.
+    help_text="""Fly the simulated gantry closed loop: half PID alone, half with feedforward.
 
 The feedforward is the true force, now and at the rig's lead, unless packages are given.""",
     examples=("--out sets/gantry --minutes 30 --seed 0", "--out sets/second --package gru.onnx"),

@@ -192,7 +192,7 @@ def _recordings(courses: Mapping[Path, Path], split: Mapping[Path, str]) -> dict
 
 DOMAIN = Recorded(
     main="force_z_n",
-    told="""Import co-simulations of two quadrotors (FlareDW's .npz files, 200 Hz).
+    help_text="""Import co-simulations of two quadrotors (FlareDW's .npz files, 200 Hz).
 
 PATH is the repository's folder agile_manuevers, or any folder with such files.""",
     examples=(

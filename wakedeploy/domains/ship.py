@@ -262,7 +262,7 @@ class _Slender:
 
 DOMAIN = Simulated(
     main="sway_n",
-    told="Sail two ships past each other in a shallow channel: encounters and overtaking.",
+    help_text="Sail two ships past each other in a shallow channel: encounters and overtaking.",
     examples=("--out sets/ship --minutes 120 --seed 0",),
     make=make_set,
     minutes=120.0,

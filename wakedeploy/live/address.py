@@ -29,7 +29,7 @@ class Address:
         """Whether only this machine reaches it."""
         return self.path is not None or _is_loopback(self.host)
 
-    def told(self, token: str) -> str:
+    def link(self, token: str) -> str:
         """What a person opens; the token stands behind a #, which browsers never send."""
         if self.path is not None:
             return (
@@ -125,13 +125,13 @@ class Allowance:
 
     def __init__(self, per_s: float, at_once: int) -> None:
         self._per_s, self._most = per_s, float(at_once)
-        self._left, self._last_s = float(at_once), 0.0
+        self._remaining, self._last_s = float(at_once), 0.0
 
     def take(self, now_s: float) -> bool:
         """Use one up."""
-        self._left = min(self._most, self._left + self._per_s * (now_s - self._last_s))
+        self._remaining = min(self._most, self._remaining + self._per_s * (now_s - self._last_s))
         self._last_s = now_s
-        if self._left < 1.0:
+        if self._remaining < 1.0:
             return False
-        self._left -= 1.0
+        self._remaining -= 1.0
         return True

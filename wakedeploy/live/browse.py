@@ -114,10 +114,10 @@ class _Told(Answer):
         super().prepare()
         self.require_token()
 
-    def tell(self, told: object) -> None:
+    def tell(self, document: object) -> None:
         """Send JSON."""
         self.set_header("Content-Type", "application/json")
-        self.finish(json.dumps(told, separators=(",", ":")))
+        self.finish(json.dumps(document, separators=(",", ":")))
 
     async def chosen(self) -> list[dict[str, Any]]:
         """The flights that a request names; 404 for one that cannot be read."""
@@ -198,7 +198,7 @@ def browse(folder: Path, listen: str, token_file: Path | None, tell: Callable[[s
     async def run() -> None:
         serve(sockets, application(address, token, "browse.html", handlers(flights)))
         flights.read_on()
-        tell(address.told(token))
+        tell(address.link(token))
         await asyncio.Event().wait()
 
     asyncio.run(run())

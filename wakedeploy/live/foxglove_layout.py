@@ -44,7 +44,7 @@ def layout() -> "Layout":
     """Height and force large, what the computer and the rig do beside, modes and faults below."""
     from foxglove.layouts import Layout, SplitContainer, SplitItem
 
-    left = SplitContainer(
+    left_column = SplitContainer(
         direction="column",
         items=[
             SplitItem(proportion=3, content=_plot("Height", "m", _HEIGHT)),
@@ -52,7 +52,7 @@ def layout() -> "Layout":
             SplitItem(proportion=1.4, content=_states()),
         ],
     )
-    right = SplitContainer(
+    right_column = SplitContainer(
         direction="column",
         items=[
             SplitItem(content=_plot("Time of each stage", "s", _TIMING)),
@@ -62,7 +62,10 @@ def layout() -> "Layout":
             SplitItem(content=_plot("Battery", "V", _BATTERY)),
         ],
     )
-    items = [SplitItem(proportion=2, content=left), SplitItem(proportion=1, content=right)]
+    items = [
+        SplitItem(proportion=2, content=left_column),
+        SplitItem(proportion=1, content=right_column),
+    ]
     return Layout(content=SplitContainer(direction="row", items=items))
 
 

@@ -71,7 +71,7 @@ def live_views(
         asked["foxglove"] = _private(foxglove)
     with _process(asked) as (ours, answer):
         yield Served(
-            None if page is None else replace(address, port=answer["page"]).told(token),
+            None if page is None else replace(address, port=answer["page"]).link(token),
             f"ws://{_shown(asked['foxglove']['host'])}:{answer['foxglove']}" if foxglove else None,
             LiveFeed(ours),
         )

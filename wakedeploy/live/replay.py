@@ -99,7 +99,7 @@ class Replay(PageServer):
         """Let time pass, and take what was flown meanwhile."""
         now_s = time.monotonic()
         if not self._is_seen:  # a log of seconds would be over before anybody has opened the page
-            self._is_seen = any(one.is_let_in for one in self.visitors)
+            self._is_seen = any(visitor.is_let_in for visitor in self.visitors)
             self._last_s = now_s
         if self._plays:
             self._at_s += self._speed * (now_s - self._last_s)
@@ -153,7 +153,7 @@ def replay(
             sockets,
             application(address, token, "live.html", [(r"/live", Visitor, {"server": server})]),
         )
-        tell(address.told(token))
+        tell(address.link(token))
         await server.run(server.look, lambda: False)
 
     asyncio.run(run())

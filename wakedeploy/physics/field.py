@@ -198,9 +198,9 @@ def _advect_sideways(
         for j in range(rows):
             source = i - velocity[0, side + i, j] * cells_per_mps
             source = min(max(source, -3.0), columns + 2.0)  # further out there is air at rest
-            left = math.floor(source)
-            f = source - left
-            k = left + side
+            left_column = math.floor(source)
+            f = source - left_column
+            k = left_column + side
             before = -f * (f - 1.0) * (f - 2.0) / 6.0
             here = (f + 1.0) * (f - 1.0) * (f - 2.0) / 2.0
             after = -(f + 1.0) * f * (f - 2.0) / 2.0
@@ -223,18 +223,18 @@ def _advect_near(velocity: FloatArray, moved: FloatArray, at: int, cells_per_mps
     """
     along = velocity[0, at]
     for c in range(2):
-        left2, left, own = velocity[c, at - 2], velocity[c, at - 1], velocity[c, at]
-        right, right2, result = velocity[c, at + 1], velocity[c, at + 2], moved[c, at]
+        far_left, near_left, centre = velocity[c, at - 2], velocity[c, at - 1], velocity[c, at]
+        near_right, far_right, result = velocity[c, at + 1], velocity[c, at + 2], moved[c, at]
         for j in range(len(result)):
             gone = along[j] * cells_per_mps
             q = 1.0 - gone * gone
             even, odd = abs(gone) * q, gone * q
             result[j] = (
-                (q - 0.5 * even) * own[j]
-                + (0.5 * gone * gone + _THIRD * even) * (left[j] + right[j])
-                + (0.5 * gone + _SIXTH * odd) * (left[j] - right[j])
-                - _TWELFTH * even * (left2[j] + right2[j])
-                - _TWELFTH * odd * (left2[j] - right2[j])
+                (q - 0.5 * even) * centre[j]
+                + (0.5 * gone * gone + _THIRD * even) * (near_left[j] + near_right[j])
+                + (0.5 * gone + _SIXTH * odd) * (near_left[j] - near_right[j])
+                - _TWELFTH * even * (far_left[j] + far_right[j])
+                - _TWELFTH * odd * (far_left[j] - far_right[j])
             )
 
 
@@ -271,9 +271,9 @@ def _blur_columns(
         result[j] = centre * column[j]
     for m in range(1, len(weights)):
         weight = weights[m]
-        left, right = field[i - m, passed:], field[i + m, passed:]
+        left_column, right_column = field[i - m, passed:], field[i + m, passed:]
         for j in range(len(result)):
-            result[j] += weight * (left[j] + right[j])
+            result[j] += weight * (left_column[j] + right_column[j])
 
 
 @_compiled
@@ -308,9 +308,14 @@ def _sample(
         result[e] = 0.0
         if not (-1.0 < i < columns and -1.0 < j < rows):
             continue
-        left, low = math.floor(i), math.floor(j)
+        left_column, low_row = math.floor(i), math.floor(j)
         for c in range(2):
-            for column, row in ((left, low), (left + 1, low), (left, low + 1), (left + 1, low + 1)):
+            for column, row in (
+                (left_column, low_row),
+                (left_column + 1, low_row),
+                (left_column, low_row + 1),
+                (left_column + 1, low_row + 1),
+            ):
                 if 0 <= row < rows:  # the sides hold air at rest, above and below is none
                     share = (1.0 - abs(i - column)) * (1.0 - abs(j - row))
                     result[e, c] += share * velocity[e, c, side + column, row]

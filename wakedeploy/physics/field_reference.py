@@ -94,12 +94,12 @@ def advected_sideways(velocity: FloatArray, cells_per_mps: float) -> FloatArray:
     columns, rows = velocity.shape[1:]
     source = np.arange(columns)[:, np.newaxis] - velocity[0] * cells_per_mps  # (columns, rows)
     source = np.clip(source, -3.0, columns + 2.0)  # further out there is nothing but air at rest
-    left = np.floor(source).astype(int)
+    left_columns = np.floor(source).astype(int)
     padded = np.pad(velocity, [(0, 0), (4, 4), (0, 0)])
     row = np.arange(rows)
     moved = np.zeros_like(velocity)
-    for offset, weight in zip((-1, 0, 1, 2), _cubic(source - left), strict=True):
-        moved += weight * padded[:, left + offset + 4, row]
+    for offset, weight in zip((-1, 0, 1, 2), _cubic(source - left_columns), strict=True):
+        moved += weight * padded[:, left_columns + offset + 4, row]
     return moved
 
 
@@ -134,7 +134,9 @@ def _bilinear(velocity: FloatArray, i: float, j: float) -> FloatArray:
     if not (-1.0 < i < columns and -1.0 < j < rows):
         return np.zeros(2)
     padded = np.pad(velocity, [(0, 0), (1, 1), (1, 1)])
-    left, low = int(np.floor(i)), int(np.floor(j))
-    weights = np.outer([left + 1 - i, i - left], [low + 1 - j, j - low])  # (2, 2)
-    corners = padded[:, left + 1 : left + 3, low + 1 : low + 3]
+    left_column, low_row = int(np.floor(i)), int(np.floor(j))
+    weights = np.outer(
+        [left_column + 1 - i, i - left_column], [low_row + 1 - j, j - low_row]
+    )  # (2, 2)
+    corners = padded[:, left_column + 1 : left_column + 3, low_row + 1 : low_row + 3]
     return np.asarray(np.sum(corners * weights, axis=(1, 2)), float)

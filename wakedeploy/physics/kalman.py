@@ -30,15 +30,15 @@ def corrected(
     noise: FloatArray,
     outliers: float,
     spread: float,
-    told: FloatArray,
+    statistics: FloatArray,
 ) -> None:
     """Take in a sample: changes states `x` (n, L) and covariances `p` (n, n, L) in place.
 
     `shown` (m, k + 1, L) are the readings at the state and beside it, by `aside` (k, L), in each of
     the k states; `measured` (m, L), NaN where nothing was measured; `noise` (m, L) variances.
-    `told` (4, m, L) becomes innovation, variance, log density and inlier probability. Channels come
-    one after another, which is exact for independent noise. States after the first k, which no
-    reading shows, follow by their covariance.
+    `statistics` (4, m, L) becomes innovation, variance, log density and inlier probability.
+    Channels come one after another, which is exact for independent noise. States after the first k,
+    which no reading shows, follow by their covariance.
     """
     n, lanes = x.shape
     channels, points = shown.shape[0], shown.shape[1]
@@ -47,8 +47,8 @@ def corrected(
         for i in range(n):
             before[i] = x[i, lane]
         for c in range(channels):
-            told[0, c, lane], told[1, c, lane] = 0.0, 1.0
-            told[2, c, lane], told[3, c, lane] = 0.0, 0.0
+            statistics[0, c, lane], statistics[1, c, lane] = 0.0, 1.0
+            statistics[2, c, lane], statistics[3, c, lane] = 0.0, 0.0
             value = measured[c, lane]
             if math.isnan(value):
                 continue
@@ -75,9 +75,9 @@ def corrected(
                 top = max(inlier, outlier)
                 both = top + math.log(math.exp(inlier - top) + math.exp(outlier - top))
                 weight = math.exp(inlier - both)
-            told[0, c, lane], told[1, c, lane] = e, variance
-            told[2, c, lane] = both - 0.5 * math.log(2.0 * math.pi * variance)
-            told[3, c, lane] = weight
+            statistics[0, c, lane], statistics[1, c, lane] = e, variance
+            statistics[2, c, lane] = both - 0.5 * math.log(2.0 * math.pi * variance)
+            statistics[3, c, lane] = weight
             for i in range(n):
                 x[i, lane] += weight * pull[i] * e / variance
             for i in range(n):
@@ -273,7 +273,7 @@ def _exponential(
         for j in range(n):
             for w in range(_WIDE):
                 phi[i, j, w] = power[i, j, w] = 1.0 if i == j else 0.0
-    factor, left = 1.0, 1.0
+    factor, power_norm = 1.0, 1.0
     for order in range(1, _TAYLOR + 1):
         _times(power, a, work, total)
         factor /= order + 1
@@ -282,8 +282,8 @@ def _exponential(
                 for w in range(_WIDE):
                     power[i, j, w] = work[i, j, w] * scale
                     phi[i, j, w] += factor * power[i, j, w]
-        left *= norm * 0.5**halvings
-        if left * factor < _FINE_ENOUGH:
+        power_norm *= norm * 0.5**halvings
+        if power_norm * factor < _FINE_ENOUGH:
             break
     _times(phi, a, work, total)
     for i in range(n):

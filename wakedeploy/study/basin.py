@@ -193,5 +193,5 @@ def _highest(values: FloatArray) -> float | None:
     if len(peaks) == 0:
         return None
     at = int(peaks[np.argmax(values[peaks])])
-    left, centre, right = values[at - 1 : at + 2]
-    return at + 0.5 * float((left - right) / (left - 2.0 * centre + right))
+    before, centre, after = values[at - 1 : at + 2]
+    return at + 0.5 * float((before - after) / (before - 2.0 * centre + after))

@@ -27,17 +27,19 @@ def bars(lines: Sequence[Tracked]) -> "Figure":
     _, oracle, _, *models = lines
     with figures.style():
         size = (7.6, 1.1 + 0.32 * max(len(models), 1))
-        drawn, (left, right) = figures.figure(1, 2, size=size, sharey=True, width_ratios=(3, 2))
-        _whole(left, lines)
+        drawn, (error_axes, excess_axes) = figures.figure(
+            1, 2, size=size, sharey=True, width_ratios=(3, 2)
+        )
+        _whole(error_axes, lines)
         for place, line in enumerate(models):
             apart_m, low_m, high_m = above(line, oracle)
             colour = figures.LIMIT if line.name == MEMORYLESS else figures.PREDICTED
             reach: Any = None if np.isinf(low_m) else bar(apart_m, low_m, high_m)
-            right.errorbar(1e3 * apart_m, place, xerr=reach, fmt="o", color=colour, markersize=4,
-                           elinewidth=1.0, capsize=2.0)  # fmt: skip
-        right.axvline(0.0, color=figures.TRUE)
-        right.set_xlabel("above the oracle's error [mm]; 90 %")
-        right.grid(axis="y", visible=False)
+            excess_axes.errorbar(1e3 * apart_m, place, xerr=reach, fmt="o", color=colour,
+                                 markersize=4, elinewidth=1.0, capsize=2.0)  # fmt: skip
+        excess_axes.axvline(0.0, color=figures.TRUE)
+        excess_axes.set_xlabel("above the oracle's error [mm]; 90 %")
+        excess_axes.grid(axis="y", visible=False)
     return drawn
 
 

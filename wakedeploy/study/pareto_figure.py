@@ -158,7 +158,7 @@ def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
     scale = 72.0 / axes.figure.dpi
     ends = [[(of, p.error) for of in cost(p)] for p in points]  # of each bar
     at = scale * axes.transData.transform(np.reshape(ends, (-1, 2))).reshape(-1, 2, 2)  # in points
-    (left, _), (right, _) = scale * axes.transAxes.transform([(0.0, 0.0), (1.0, 0.0)])
+    (left_edge, _), (right_edge, _) = scale * axes.transAxes.transform([(0.0, 0.0), (1.0, 0.0)])
     taken: list[Box] = [(x - 3.0, y - 3.0, far + 3.0, y + 3.0) for (x, y), (far, _) in at]
     for point, bar, ((x, y), (far, _)) in zip(points, ends, at, strict=True):
         plain = point.arch == MEMORYLESS
@@ -169,7 +169,7 @@ def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
             for dy in sorted(range(-40, 41, 2), key=abs)
             for dx, start in ((6, far + 6), (-6, x - 6 - wide))
         ]
-        tried.sort(key=lambda label: not _is_within(label[2], left, right))
+        tried.sort(key=lambda label: not _is_within(label[2], left_edge, right_edge))
         free = (label for label in tried if not any(_overlap(label[2], other) for other in taken))
         dx, dy, box = next(free, tried[0])
         taken.append(box)
@@ -187,8 +187,8 @@ def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
         )
 
 
-def _is_within(box: Box, left: float, right: float) -> bool:
-    return left < box[0] and box[2] < right
+def _is_within(box: Box, left_edge: float, right_edge: float) -> bool:
+    return left_edge < box[0] and box[2] < right_edge
 
 
 def _overlap(box: Box, other: Box) -> bool:

@@ -35,8 +35,8 @@ def lines_over_spreads(nominal: Shifted, spreads: Sequence[Shifted]) -> "Figure"
     """
     every = [nominal, *spreads]
     with figures.style():
-        drawn, (left, right) = figures.figure(1, 2, size=(8.6, 3.6))
-        _limits(left, every)
+        drawn, (error_axes, excess_axes) = figures.figure(1, 2, size=(8.6, 3.6))
+        _limits(error_axes, every)
         styles = looks([line.name for line in spreads[0].models])
         offsets = np.linspace(-0.5, 0.5, max(len(styles), 2)) * _WIDTH
         for number, ((name, (colour, marker)), offset) in enumerate(
@@ -47,23 +47,23 @@ def lines_over_spreads(nominal: Shifted, spreads: Sequence[Shifted]) -> "Figure"
             label = f"{name} (no memory)" if name == MEMORYLESS else name
             errors_mm = [1e3 * line.mean_m for line in models]
             at = np.arange(len(models)) + offset
-            left.plot(at, errors_mm, linestyle="none", **look, label=label)
+            error_axes.plot(at, errors_mm, linestyle="none", **look, label=label)
             for place, (at_spread, line) in enumerate(zip(every, models, strict=True)):
                 apart_m, low_m, high_m = above(line, at_spread.lines[1])
                 reach = None if np.isinf(low_m) else bar(apart_m, low_m, high_m)
-                right.errorbar(at[place], 1e3 * apart_m, yerr=reach, elinewidth=0.9, **look)
-        right.axhline(0.0, color=figures.TRUE, linestyle="--")
-        right.set_yscale("symlog", linthresh=_LINEAR_MM)
-        right.set_ylabel("above the oracle's error [mm]; bars: 90 %")
-        left.set_ylabel("tracking error, RMS [mm]")
-        left.set_ylim(bottom=0.0)
-        for axes in (left, right):
+                excess_axes.errorbar(at[place], 1e3 * apart_m, yerr=reach, elinewidth=0.9, **look)
+        excess_axes.axhline(0.0, color=figures.TRUE, linestyle="--")
+        excess_axes.set_yscale("symlog", linthresh=_LINEAR_MM)
+        excess_axes.set_ylabel("above the oracle's error [mm]; bars: 90 %")
+        error_axes.set_ylabel("tracking error, RMS [mm]")
+        error_axes.set_ylim(bottom=0.0)
+        for axes in (error_axes, excess_axes):
             axes.set_xticks(
                 range(len(every)), ["nominal", *(_at(at_spread) for at_spread in spreads)]
             )
             axes.grid(axis="x", visible=False)
             axes.set_xlabel("wake speed, diffusivity and separation vary by")
-        drawn.legend(*left.get_legend_handles_labels(), loc="outside right center")
+        drawn.legend(*error_axes.get_legend_handles_labels(), loc="outside right center")
     return drawn
 
 

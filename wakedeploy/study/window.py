@@ -210,14 +210,16 @@ def sentence(
 ) -> str:
     """What a domain's points say, in one sentence; `delay_s` is the wake's, where it is known."""
     longest = max((p.past_s for p in points if p.past_s < WHOLE), default=0.0)
-    sentences = [_told(need(points, arch), rate_hz, longest) for arch in architectures_of(points)]
+    sentences = [
+        _need_text(need(points, arch), rate_hz, longest) for arch in architectures_of(points)
+    ]
     if not sentences:
         return f"On {domain}, no model with memory was trained."
     known = "" if delay_s is None else f" The wake is under way for {delay_s:.3f} s on average."
     return f"On {domain}, {'; '.join(sentences)}.{known}"
 
 
-def _told(found: Need, rate_hz: float, longest_s: float) -> str:
+def _need_text(found: Need, rate_hz: float, longest_s: float) -> str:
     errors = f"{found.error:.2f} of the standard deviation"
     if found.loses:
         return (

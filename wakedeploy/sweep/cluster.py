@@ -68,7 +68,7 @@ class Cluster:
         self._sets: dict[str, Any] = {}
         self._fetches: collections.Counter[str] = collections.Counter()
         self._refused: set[str] = set()  # addresses of workers that do not fit
-        self._told: set[str] = set()  # what was said of them
+        self._reported: set[str] = set()  # what was said of them
         # Lost workers and connections are this module's to tell of.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._client = _connected(address)
@@ -134,8 +134,8 @@ class Cluster:
 
     def _tell(self, problems: Collection[str]) -> None:
         for problem in problems:
-            if problem not in self._told:
-                self._told.add(problem)
+            if problem not in self._reported:
+                self._reported.add(problem)
                 self._on_misfit(problem)
 
     def _workers(self) -> Mapping[str, Any]:

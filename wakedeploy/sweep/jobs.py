@@ -61,7 +61,7 @@ class GenerateJob:
     asked: Generate
 
     @property
-    def told(self) -> Row:
+    def request(self) -> Row:
         """What the job's row says of what was asked for."""
         asked = self.asked
         return {
@@ -93,7 +93,7 @@ class TrainJob:
         return self.identity[:16]
 
     @property
-    def told(self) -> Row:
+    def request(self) -> Row:
         """What the job's row says of what was asked for."""
         config = self.config
         return {
@@ -116,7 +116,7 @@ class UnfitJob:
     """A training that its set does not allow, and why; there is nothing to carry out."""
 
     identity: str
-    told: Row
+    request: Row
     reason: str
 
 
@@ -312,7 +312,7 @@ def _scores(job: TrainJob, run: TrainedRun) -> Row:
 
 def _row(job: Job | UnfitJob, facts: Row, seconds: float | None) -> Row:
     """What was asked for, what came of it, and where, when and by which code."""
-    row = job.told | {"state": "done", "reason": None} | facts
+    row = job.request | {"state": "done", "reason": None} | facts
     return row | {
         "seconds": None if seconds is None else round(seconds, 3),
         "host": platform.node(),

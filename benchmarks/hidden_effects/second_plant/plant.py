@@ -224,11 +224,11 @@ class SecondPlant:
     def _measured(self, z_m: float, t_s: float) -> float:
         s = self._c.sensing
         flown = t_s - self._took_off_s if math.isfinite(self._took_off_s) else 0.0
-        told = s.scale * z_m + s.bias_m + s.drift_mps * flown
-        told += s.noise_m * float(self._sensing.standard_normal())
+        reading_m = s.scale * z_m + s.bias_m + s.drift_mps * flown
+        reading_m += s.noise_m * float(self._sensing.standard_normal())
         stray, size = self._sensing.random(), self._sensing.uniform(-1.0, 1.0)
         if stray < s.outlier_probability:
-            told += s.outlier_size_m * size
+            reading_m += s.outlier_size_m * size
         if s.resolution_m > 0.0:
-            told = s.resolution_m * round(told / s.resolution_m)
-        return max(0.0, told)
+            reading_m = s.resolution_m * round(reading_m / s.resolution_m)
+        return max(0.0, reading_m)

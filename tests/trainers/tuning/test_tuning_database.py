@@ -348,9 +348,9 @@ def test_a_database_is_the_same_however_it_is_spelt(spelling: str, tmp_path: Pat
     def without_password(told: str) -> str:
         return told.replace(":***", "")
 
-    told = without_password(Place(tmp_path, spelling).told)
+    told = without_password(Place(tmp_path, spelling).portable_name)
     assert told == "postgresql://me@h/d?a=1&b=2"
-    assert Place(tmp_path, spelling.replace("5432", "5433")).told.count("5433") == (
+    assert Place(tmp_path, spelling.replace("5432", "5433")).portable_name.count("5433") == (
         spelling.count("5432")
     )
 

@@ -24,8 +24,8 @@ class Passing:
     `added_mass` is the sway added mass over the displaced mass of each section, k: 1 in deep water.
     """
 
-    own: Hull = field(default_factory=Hull)
-    other: Hull = field(default_factory=Hull)
+    own_hull: Hull = field(default_factory=Hull)
+    other_hull: Hull = field(default_factory=Hull)
     depth_m: float = float("inf")
     wall_m: float | None = None
     added_mass: float = 1.0
@@ -50,11 +50,11 @@ class Passing:
         seen = mirrors(self.wall_m, self.images)
         for sign, shift in seen:
             apart = own_aside_m - sign * other_aside_m - shift
-            flow = self._crossflow(self.other, ahead_m, apart, other_mps)
+            flow = self._crossflow(self.other_hull, ahead_m, apart, other_mps)
             sway, yaw = self._added(sway, yaw, flow, own_mps, other_mps)
         for sign, shift in seen[1:]:
             apart = own_aside_m - sign * own_aside_m - shift
-            flow = self._crossflow(self.own, np.zeros(1), apart, own_mps)
+            flow = self._crossflow(self.own_hull, np.zeros(1), apart, own_mps)
             sway, yaw = self._added(sway, yaw, flow, own_mps, own_mps)
         return sway, yaw
 
@@ -66,7 +66,7 @@ class Passing:
         self, hull: Hull, ahead_m: FloatArray, apart_m: float, speed_mps: float
     ) -> FloatArray:
         """The flow across the own hull's stations that a passing hull's sources make, (n, s)."""
-        x1, _ = self.stations(self.own)
+        x1, _ = self.stations(self.own_hull)
         x2, weight = self.stations(hull)
         along = x2[None, None, :] + ahead_m[:, None, None] - x1[None, :, None]
         kernel = self._kernel(along**2 + apart_m**2)
@@ -95,8 +95,8 @@ class Passing:
         other_mps: float,
     ) -> tuple[FloatArray, FloatArray]:
         """Sums with the forces of a cross-flow (n, s) that travels with its source."""
-        x, weight = self.stations(self.own)
-        area, slope = self.own.area_m2(x), self.own.area_slope_m(x)
+        x, weight = self.stations(self.own_hull)
+        area, slope = self.own_hull.area_m2(x), self.own_hull.area_slope_m(x)
         inertia = 1.0 + self.added_mass
         passing = inertia * (other_mps - own_mps)
         across = (passing + own_mps) * slope

@@ -389,7 +389,7 @@ def _worked_out(node: Node) -> Node:
         return Call(node.function, tuple(_worked_out(part) for part in node.arguments))
     if not isinstance(node, Binary):
         return node
-    worked = Binary(node.operator, _worked_out(node.left), _worked_out(node.right))
-    if isinstance(worked.left, Constant) and isinstance(worked.right, Constant):
+    worked = Binary(node.operator, _worked_out(node.left_operand), _worked_out(node.right_operand))
+    if isinstance(worked.left_operand, Constant) and isinstance(worked.right_operand, Constant):
         return Constant(float(f"{float(Expression(worked)({})):.6g}"))
     return worked
