@@ -27,6 +27,8 @@ class Rules:
         simpler_share: Share of the best's gain that a simpler effect needs to be named instead.
         unexplained_share: An effect that is not named and removes more than this share of the
             squared error shows that something unknown is missing.
+        surely_share: An effect that surely removes more than this share of the squared error is
+            named, also where forecasts that ask no model are better than those with it.
         most_effects: More than these are not named in one answer.
         fewest_flights: Episodes that a verdict is fitted to, at least; of two, each would be judged
             by one other, and their spread by one number.
@@ -43,6 +45,7 @@ class Rules:
     least_share: float = 0.01
     simpler_share: float = 0.8
     unexplained_share: float = 0.1
+    surely_share: float = 0.5
     most_effects: int = 4
     fewest_flights: int = 3
 

@@ -25,6 +25,7 @@ from wakedeploy.gap.search.judging import (
 )
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, undecided
+from wakedeploy.gap.search.weighing import is_outdone
 from wakedeploy.gap.systems.kinds.library import offered
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
@@ -149,6 +150,51 @@ def test_nothing_is_named_on_a_model_that_forecasts_worse_than_none():
     assert told.is_outdone
     assert (verdict_of(told), told.found.hypothesis) == ("unknown", ())
     assert "no better than its outputs' last readings" in sentences(answer_of(model, told))[0]
+
+
+class Fan(System):
+    """A fan whose air resists by the square of its speed, which its model leaves out."""
+
+    rate_hz = RATE
+    inputs: ClassVar = [Input("duty", "1")]
+    states: ClassVar = {"speed_per_s": "1/s"}
+    outputs: ClassVar = [Output("speed_per_s", "1/s", noise=0.02)]
+    constants: ClassVar = [
+        Constant("gain", 40.0, spread=4.0),
+        Constant("friction", 0.5, spread=0.1),
+    ]
+    ports: ClassVar = [
+        Port.input("duty", kinds=["dead-time"]),
+        Port.force("speed_per_s", kinds=["quadratic-drag"]),
+        Port.output("speed_per_s", kinds=["sensor-bias"]),
+    ]
+
+    def derivative(self, state, inputs, c):
+        return {"speed_per_s": c.gain * inputs.duty - c.friction * state.speed_per_s}
+
+
+def test_what_removes_most_of_the_error_is_named_also_where_the_last_reading_is_hard_to_outdo():
+    """The duty seldom changes and the load wanders slowly: the last reading forecasts well."""
+    rng = np.random.default_rng(1)
+    duty = np.repeat(rng.uniform(0.5, 0.6, 10), 200)
+    loads, speeds = np.zeros(len(duty)), np.full(len(duty), 7.0)
+    kept = np.exp(-1.0 / RATE / 2.0)
+    for i in range(1, len(duty)):
+        loads[i] = kept * loads[i - 1] + 1.5 * np.sqrt(1.0 - kept**2) * rng.standard_normal()
+        speeds[i] = speeds[i - 1]
+        for _ in range(4):
+            drag = 0.5 * speeds[i] + 0.4 * speeds[i] ** 2
+            speeds[i] += (40.0 * duty[i - 1] - drag + loads[i - 1]) / RATE / 4
+    read = speeds + 0.02 * rng.standard_normal(len(duty))
+    time_s = np.arange(len(duty)) / RATE
+    model = LogModel(Fan(), [Recording("fan", time_s, {"duty": duty, "speed_per_s": read})])
+    answer = named(model, fitted_base(model))
+    assert is_outdone(model, answer.found)
+    assert not answer.is_outdone
+    assert answer.found.hypothesis == ("quadratic-drag@speed_per_s",)
+    assert answer.found.value("quadratic-drag@speed_per_s.coefficient") == pytest.approx(
+        0.4, abs=0.05
+    )
 
 
 class Resonator(System):

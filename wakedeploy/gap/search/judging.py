@@ -60,7 +60,8 @@ class Named:
 
     `weights` say how much each effect improves forecasts of the blocks that it was found on,
     cross-fitted; `leftover` is what still acts and is not explained. Of a system whose forecasts
-    are no better than those that ask no model (`is_outdone`) nothing is named.
+    are no better than those that ask no model (`is_outdone`) nothing is named, unless it surely
+    removes most of the error: where little moves, the last reading is hard to outdo.
     """
 
     base: Fit
@@ -111,7 +112,8 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
         progress("fitting what was found to all samples")
         outcome = _on_all(model, base, outcome)
     outcome = _borne_out(model, _with_sizes(model, outcome))
-    if is_outdone(model, outcome.found):
+    needed = any(weight.low > RULES.surely_share for weight in outcome.weights.values())
+    if not needed and is_outdone(model, outcome.found):
         outcome = replace(outcome, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
     return outcome if acting is None else replace(outcome, leftover=acting(outcome.found))
