@@ -8,6 +8,7 @@ from typing import Any
 
 from runtime.loop.loop import PERIOD_S, budget_s
 from runtime.request import RunRequest
+from wakedeploy.core.failsafes import hints
 from wakedeploy.core.rig import Rig
 
 
@@ -41,4 +42,5 @@ def run_view(request: RunRequest, log: Path | None) -> dict[str, Any]:
         "title": f"{package} on the {place}" if request.is_virtual else f"{package} at {place}",
         "log": "" if log is None else str(log),
         "watches_gap": request.watch_gap,
+        "hints": hints(is_virtual=request.is_virtual),
     }

@@ -7,13 +7,10 @@ from runtime.io.conversation import Conversation
 from runtime.io.range_source import RangeSource
 from runtime.loop.loop import Loop
 from wakedeploy.core.errors import CheckFailed
-from wakedeploy.core.failsafes import HINTS, LATE_GANTRY
+from wakedeploy.core.failsafes import BY_THE_COMPUTER, LATE_GANTRY, hints
 
 if TYPE_CHECKING:
     from runtime.io.recorder import RecorderReport
-
-# What a computer that stands still can look like from inside.
-_BY_THE_COMPUTER = ("loop_stalled", "link_lost", "mcu_fault", "sensor_lost")
 
 
 def recording_sentence(report: "RecorderReport | None") -> str:
@@ -66,12 +63,15 @@ def _why(
     if "sensor_lost" in cause and ranges.failure is not None:
         return ranges.failure
     pause = loop.tally.pause
-    if cause[0] in _BY_THE_COMPUTER and pause is not None:
+    gantry = loop.tally.gantry_pause
+    if cause[0] in BY_THE_COMPUTER and gantry is not None:
+        return f"{LATE_GANTRY}; it stood still for {gantry.length_s:.2f} s at {gantry.at_s:.1f} s"
+    if cause[0] in BY_THE_COMPUTER and pause is not None:
         stood = f"this computer stood still for {pause.milliseconds} ms at {pause.at_s:.1f} s"
         return f"{stood}: {_relief(is_virtual=is_virtual, is_realtime=is_realtime)}"
     if cause[0] == "link_lost" and is_virtual:
         return LATE_GANTRY
-    return HINTS[cause[0]]
+    return hints(is_virtual=is_virtual)[cause[0]]
 
 
 def _relief(*, is_virtual: bool, is_realtime: bool) -> str:

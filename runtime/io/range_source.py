@@ -64,8 +64,12 @@ class RangeReading:
 
         0 for a real world, and for a process that has stood still for so long that it may hang.
         """
-        behind_s = now_s - 1e-6 * self.plant_time_us if self.plant_time_us else 0.0
-        return behind_s if 0.0 < behind_s < PLANT_HANGS_S else 0.0
+        late_s = self.late_s(now_s)
+        return late_s if 0.0 < late_s < PLANT_HANGS_S else 0.0
+
+    def late_s(self, now_s: float) -> float:
+        """The same, however long it has stood still."""
+        return now_s - 1e-6 * self.plant_time_us if self.plant_time_us else 0.0
 
     def pack(self) -> bytes:
         """The sample as one packet of the socket form."""

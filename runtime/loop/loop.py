@@ -317,7 +317,9 @@ class Loop:
         behind_s = reading.behind_s(now_s)
         stalled_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
         self._last_tick_s = now_s
-        self.tally.stood_still(stalled_s, measured.t_s)
+        if not self._safety.cause:  # later ones explain nothing
+            self.tally.stood_still(stalled_s, measured.t_s)
+            self.tally.gantry_stood_still(reading.late_s(now_s), measured.t_s)
         asked_s, at_rest = self._link.unanswered_since_s, self._safety.mode is Mode.ARMED
         silent_s = 0.0 if asked_s is None else now_s - behind_s - asked_s
         self._way_down.late_s = heard.answer.round_trip_s - self._rig.latency.round_trip_s

@@ -14,6 +14,7 @@ from runtime.loop.watch import GapReport
 from wakedeploy.core.runlog_columns import FLYING, STAGES
 
 LogValue = float | int | str | None
+_SHORTEST_S = 0.1  # a virtual gantry that is less behind flies on as a real one would
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Tally:
     ended: str = ""  # "whole", "stopped by hand", "failsafe: …" or "broken off"
     gap: GapReport | None = None  # of --watch-gap
     log: Path | None = None  # where the run was recorded
-    pause: Pause | None = None  # the longest that skipped a tick
+    pause: Pause | None = None  # the longest before a failsafe that skipped a tick
+    gantry_pause: Pause | None = None  # the longest of a virtual gantry's process
     modes: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     errors_m: array[float] = field(default_factory=lambda: array("d"))
@@ -77,6 +79,12 @@ class Tally:
         longest_s = self.pause.length_s if self.pause is not None else 1.5 * self.period_s
         if length_s > longest_s:
             self.pause = Pause(length_s, until_s - length_s)
+
+    def gantry_stood_still(self, length_s: float, until_s: float) -> None:
+        """Remember the longest time by which a virtual gantry in real time was behind."""
+        longest_s = _SHORTEST_S if self.gantry_pause is None else self.gantry_pause.length_s
+        if length_s > longest_s:
+            self.gantry_pause = Pause(length_s, until_s - length_s)
 
     def _add_errors(self, row: dict[str, LogValue]) -> None:
         self.errors_m.append(_number(row["z_ref_m"]) - _number(row["z_est_m"]))

@@ -33,8 +33,8 @@ def test_a_busy_computer_is_information_and_no_failure() -> None:
     over = _latency_sentence(figures | {"within_budget": False})
     assert "this computer was busy: p99 20.10 ms" in over
     assert "wakedeploy bench latency" in over
-    failed = _latency_sentence({"budget_ms": 13.25, "within_budget": False, "failed": "stalled"})
-    assert "too busy to measure it" in failed
+    failed = _latency_sentence({"budget_ms": 13.25, "within_budget": False, "failed": "It died."})
+    assert "not measured: It died; run" in failed
     assert "within the budget" in _latency_sentence(figures | {"within_budget": True})
 
 

@@ -50,15 +50,22 @@ def test_the_picture_goes_where_it_is_told(flights: list[Path], tmp_path: Path) 
     assert not flights[0].with_suffix(".png").exists()
 
 
-def test_a_flight_that_ended_in_a_failsafe_says_when_why_and_what_to_do(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("simulated", "advice"),
+    [("true", "on a virtual gantry that is a fault"), ("false", "check the sensor's wires")],
+)
+def test_a_flight_that_ended_in_a_failsafe_says_when_why_and_what_to_do(
+    tmp_path: Path, simulated: str, advice: str
+) -> None:
     log = record(None, seconds=7, seed=0, sensor_hook=lambda t, r, n: (r if t < 5 else np.nan, n))
+    log.metadata["simulated"] = simulated
     log.write_mcap(tmp_path / "blind.mcap")
     done = run("log", "show", tmp_path / "blind.mcap", "--json", tmp_path / "run.json")
     assert done.exit_code == 0, done.output
     (told,) = json.loads((tmp_path / "run.json").read_text())["runs"]
     assert told["failsafe_cause"] == "sensor_lost"
     assert 5.2 < told["failsafe_s"] < 5.4
-    assert f"at {told['failsafe_s']:.2f} s: no new range sample: check the sensor's wires" in (
+    assert f"at {told['failsafe_s']:.2f} s: no new range sample: {advice}" in (
         " ".join(done.output.split())
     )
 

@@ -19,6 +19,8 @@ from click.testing import CliRunner
 from growing import written_so_far
 from made_packages import gantry_package
 
+from benchmarks.injected.catalogue import FAULTS
+from benchmarks.injected.flight import Case, Moment, scene_of
 from runtime.calibration.session import resting
 from runtime.io.protocol import FIRMWARE, Fault
 from runtime.io.recorder import RunLogWriter
@@ -184,7 +186,7 @@ def test_a_full_disk_ends_the_flight_and_keeps_what_was_written(tmp_path, monkey
     ],
 )
 def test_a_failsafe_and_a_log_with_holes_are_both_told(cause, said):
-    tally = SimpleNamespace(pause=None)
+    tally = SimpleNamespace(pause=None, gantry_pause=None)
     loop = SimpleNamespace(failsafe_cause=cause, last_reset=Fault.NONE, tally=tally)
     ranges = SimpleNamespace(failure=None)
     link = SimpleNamespace(failure="the USB cable is gone" if "link_lost" in cause else None)
@@ -365,6 +367,31 @@ def test_a_computer_that_stood_still_is_blamed_and_no_cable(cause, place, advice
     assert f"({cause}): this computer stood still for 167 ms at 12.3 s: " in str(ended.value)
     assert advice in str(ended.value)
     assert "cable" not in str(ended.value)
+
+
+@pytest.mark.parametrize("cause", ["sensor_lost", "link_lost"])
+def test_a_virtual_gantry_that_stood_still_is_blamed_and_no_wire(cause):
+    tally = Tally(1 / 32)
+    for length_s, until_s in ((0.02, 3.0), (0.8, 12.5), (0.7, 14.0)):
+        tally.gantry_stood_still(length_s, until_s)
+    loop = SimpleNamespace(failsafe_cause=(cause,), last_reset=Fault.NONE, tally=tally)
+    well = SimpleNamespace(failure=None)
+    with pytest.raises(CheckFailed, match="too busy") as ended:
+        judge(loop, well, well, "", is_virtual=True, is_realtime=False)
+    assert "it stood still for 0.80 s at 11.7 s" in str(ended.value)
+    assert "wire" not in str(ended.value)
+    assert "cable" not in str(ended.value)
+
+
+def test_what_stands_still_after_a_failsafe_began_did_not_begin_it():
+    hovering = Moment("hovering", seed=5, begins_s=3.0, seconds=6.0)
+    scene = scene_of(Case("none", hovering))
+    silent = FAULTS["range silent"]
+    scene.later(0.0, lambda: silent.begin(scene))
+    scene.later(1.5, lambda: scene.world.stand_still(0.07))
+    tally = scene.loop.run()
+    assert tally.ended == "failsafe: sensor_lost"
+    assert tally.pause is None
 
 
 def test_a_late_virtual_gantry_is_no_cable_and_its_page_hears_why(monkeypatch):

@@ -144,7 +144,7 @@ def _latency_sentence(latency: dict[str, Any]) -> str:
     """In the budget, or that the computer was busy, which says nothing against the predictor."""
     later = "run `wakedeploy bench latency` when it is quiet"
     if "failed" in latency:
-        return f"Latency: this computer was too busy to measure it; {later}."
+        return f"Latency: not measured: {latency['failed'].rstrip('.')}; {later}."
     figures = (
         f"p99 {latency['p99_ms']:.2f} ms, at most {latency['max_ms']:.2f} ms in "
         f"{latency['ticks']} ticks"

@@ -185,12 +185,13 @@ def _lines(summary: "RunSummary") -> dict[str, str]:
 
 def _failsafe(summary: "RunSummary") -> str:
     """When, and what explains it and helps."""
-    from wakedeploy.core.failsafes import HINTS
+    from wakedeploy.core.failsafes import hints
 
     if summary.failsafe_s != summary.failsafe_s:
         return ""
     cause = summary.failsafe_cause
-    return f"at {summary.failsafe_s:.2f} s: {HINTS.get(cause, cause or 'no cause recorded')}"
+    why = hints(is_virtual=summary.is_virtual).get(cause, cause or "no cause recorded")
+    return f"at {summary.failsafe_s:.2f} s: {why}"
 
 
 def _stage(column: str) -> str:

@@ -32,6 +32,21 @@ LATE_GANTRY = (
     "real time: fly in simulated time, without --wall-clock, --live and --foxglove, or end what "
     "else runs on it"
 )
+# What a computer that stands still can look like from inside.
+BY_THE_COMPUTER = ("loop_stalled", "link_lost", "mcu_fault", "sensor_lost")
+
+
+def hints(*, is_virtual: bool) -> dict[str, str]:
+    """The hints of a flight; on a virtual gantry nobody is sent to look at cables."""
+    if not is_virtual:
+        return HINTS
+    return HINTS | {name: f"{in_words(name)}: {_NO_CABLE}" for name in BY_THE_COMPUTER}
+
+
+_NO_CABLE = (
+    "on a virtual gantry that is a fault that was put in, or in real time this computer, if it is "
+    "too slow or too busy: fly in simulated time"
+)
 
 
 def in_words(fault: str) -> str:

@@ -26,14 +26,16 @@ class Spread:
 class RunSummary:
     """What `log show` tells. Times in s, lengths in m, counts of ticks.
 
-    `tracking_rmse_m` is reference minus estimated height while flying, `true_tracking_rmse_m` the
-    same for the true height of a simulation. `overruns`: ticks that took longer than their period,
+    `is_virtual`: flown on a virtual gantry, which has no cables. `tracking_rmse_m` is reference
+    minus estimated height while flying, `true_tracking_rmse_m` the same for the true height of a
+    simulation. `overruns`: ticks that took longer than their period,
     and ticks that could not begin: numbers on the loop's grid that neither the log nor the
     recorder's count of losses has. `dropped`: ticks that happened and could not be recorded.
     `failsafe_s` is when a failsafe began, NaN without one, and `failsafe_cause` the fault that
     explains the others, by its name in `wakedeploy.core.failsafes`, "" where none was recorded.
     """
 
+    is_virtual: bool
     ticks: int
     duration_s: float
     rate_hz: float
@@ -75,6 +77,7 @@ def summarise(log: RunLog) -> RunSummary:
     dropped = int(log.metadata.get("dropped", 0))
     failsafe_s, cause = _failsafe(log)
     return RunSummary(
+        is_virtual=log.metadata.get("simulated") == "true",
         ticks=len(log),
         duration_s=float(np.ptp(log["t_s"])) + period_s if len(log) else 0.0,
         rate_hz=float(np.ptp(log["tick"]) / np.ptp(log["t_s"])) if len(log) > 1 else float("nan"),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from runtime.live_view import rig_view
-from wakedeploy.core.failsafes import HINTS
+from wakedeploy.core.failsafes import hints
 from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import read_run_log
 from wakedeploy.live.events import events_of
@@ -32,7 +32,7 @@ def flight_data(path: Path, name: str) -> dict[str, Any]:
         "name": name,
         "columns": columns,
         "events": events_of(log),
-        "hints": HINTS,
+        "hints": hints(is_virtual=log.metadata.get("simulated") == "true"),
         "rig": rig_view(rig),
         "started": log.metadata.get("started_utc", ""),
         "tracking_mm": rounded(1e3 * summary.tracking_rmse_m, 2),

@@ -15,7 +15,7 @@ import numpy as np
 from runtime.live_view import rig_view
 from runtime.measured_force import measure
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.failsafes import HINTS
+from wakedeploy.core.failsafes import hints
 from wakedeploy.core.rig import Rig
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.runlog_columns import Value
@@ -85,7 +85,8 @@ class Replay(PageServer):
         self._at_s, self._speed, self._plays = self._times[0], 1.0, True
         self._last_s, self._is_seen = time.monotonic(), False
         self.hub.news(
-            kind="replay", phase="replay", title=name, rig=rig_view(rig), hints=HINTS, log=name,
+            kind="replay", phase="replay", title=name, rig=rig_view(rig), log=name,
+            hints=hints(is_virtual=log.metadata.get("simulated") == "true"),
             begin_s=self._times[0], end_s=self._times[-1], watches_gap="gap_score" in log,
             untimed=_untimed(log, self._rows),
             events=events_of(log), speeds=SPEEDS,
