@@ -83,8 +83,13 @@ def _keep(part: str, arch: str, told: dict[str, Any]) -> None:
     joined = {
         key: ", ".join(sorted({one[key] for one in stamps})) for key in ("measured", "commit")
     }
-    tools = {"compiler": version_of(host_compiler()), "clock_hz": CLOCK_HZ}
-    records.write(RECORD, joined | tools | {"parts": known["parts"], "stamps": known["stamps"]})
+    settings = {
+        "compiler": version_of(host_compiler()),
+        "clock_hz": CLOCK_HZ,
+        "trained": {"epochs": EPOCHS, "gantry_minutes": MINUTES},
+        "flight_s": _FLIGHT_S,
+    }
+    records.write(RECORD, joined | settings | {"parts": known["parts"], "stamps": known["stamps"]})
 
 
 def reference_package(work: Path, arch: str) -> Path:
