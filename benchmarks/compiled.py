@@ -13,6 +13,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from runtime.bench import BenchRow
 
 RECORD = records.FOLDER / "compiled.json"
+STUDY = records.FOLDER / "study-pareto.json"
 KINDS = ("float32", "float16", "int8")
 EPOCHS, MINUTES = 5, 10
 DOMAINS = ("gantry", "fish")
@@ -70,6 +72,8 @@ def main() -> None:
             told = PARTS[part](given.work, arch)
             _keep(part, arch, told)
             print(part, arch, json.dumps(told), flush=True)
+        if part == "costs":
+            draw_costs()
 
 
 def _keep(part: str, arch: str, told: dict[str, Any]) -> None:
@@ -367,6 +371,60 @@ def _with(request: Any, package: Path | None) -> Any:
     return replace(request, package=package, allow_lead_mismatch=True)
 
 
+def costs(work: Path, arch: str) -> dict[str, Any]:
+    """What the study's shape takes as C, beside the error that the study of costs measured."""
+    return {domain: _costs_on(work, arch, domain) for domain in DOMAINS}
+
+
+def _costs_on(work: Path, arch: str, domain: str) -> dict[str, Any]:
+    """Cost of a shape does not depend on its weights: an untrained one stands for the study's."""
+    from export.c.cost import c_cost
+    from export.step_time import unproved_package
+    from trainers.training.runs import new_predictor
+    from trainers.training.trainer import configure
+    from wakedeploy.core.episodes import read_episode_set
+
+    (studied,) = [p for p in _studied()["points"] if (p["domain"], p["arch"]) == (domain, arch)]
+    data = read_episode_set(the_set(work, domain))
+    config = configure(data, arch, seed=0, lead_s=0.0)
+    predictor = new_predictor(config).eval()
+    trainable = sum(p.numel() for p in predictor.parameters() if p.requires_grad)
+    if trainable != studied["trainable"]:
+        raise CheckFailed(
+            f"{STUDY}: on {domain} {arch} has {studied['trainable']} weights, here {trainable}:"
+            " measure `study pareto` anew."
+        )
+    cost = asdict(c_cost(unproved_package(predictor, config)))
+    return cost | {key: studied[key] for key in ("errors", "error", "trainable")}
+
+
+def _studied() -> dict[str, Any]:
+    study: dict[str, Any] = json.loads(STUDY.read_text(encoding="utf-8"))
+    return study
+
+
+def draw_costs() -> None:
+    """The picture of error against bytes and instructions, from the record."""
+    from wakedeploy.core import figures
+    from wakedeploy.study.pareto import Point
+    from wakedeploy.study.pareto_figure import CHIP_COSTS, panels
+
+    measured = json.loads(RECORD.read_text(encoding="utf-8"))["parts"]["costs"]
+    by_domain = {
+        domain: [
+            Point(
+                domain, arch, tuple(one[domain]["errors"]), one[domain]["trainable"], 0, (),
+                flash_bytes=one[domain]["flash_bytes"], ram_bytes=one[domain]["ram_bytes"],
+                instructions=one[domain]["instructions"],
+            )
+            for arch, one in measured.items()
+        ]
+        for domain in DOMAINS
+    }  # fmt: skip
+    drawn = panels(by_domain, {domain: {} for domain in DOMAINS}, CHIP_COSTS)
+    figures.save(drawn, records.FIGURES / "c-costs.png")
+
+
 PARTS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "sizes": sizes,
     "host": host,
@@ -375,6 +433,7 @@ PARTS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "paced": paced,
     "tick": tick,
     "avr": avr,
+    "costs": costs,
 }
 # A minute and three quarters each: of one that remembers, and takes the longest of the dense ones.
 _ALONE = {"tick": ("gru",)}

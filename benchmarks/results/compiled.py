@@ -6,10 +6,12 @@ from typing import Any
 
 from benchmarks.results.section import ARCHITECTURES, Records, Section, paragraphs, span, table
 
-RECORD = "compiled.json"
+RECORD, STUDY = "compiled.json", "study-pareto.json"
 _KINDS = ("float32", "int8")
 _ALLOWED = 0.02  # by which share int8 may make the error grow
 _HALF = 0.5  # of onnxruntime's time
+_DOMAINS = ("gantry", "fish")
+_COSTS = {"flash": "flash_bytes", "RAM": "ram_bytes", "instructions": "instructions"}
 _BUILDS = ("c-float32", "c-int8")
 # What the C export aims at: a step and the RAM of the GRU on the chip, the tick's p99.9 and the
 # memory of the process that flies.
@@ -139,16 +141,14 @@ def _int8_errors(result: Mapping[str, Any]) -> tuple[str, str, str]:
     rows = [
         [
             arch,
-            *(f"{100.0 * rounding[arch][d]['int8']['worse']:+.2f}" for d in ("gantry", "fish")),
+            *(f"{100.0 * rounding[arch][d]['int8']['worse']:+.2f}" for d in _DOMAINS),
             f"{flown[arch]['apart_mm']:.3f}",
         ]
         for arch in ARCHITECTURES
     ]
     head = ("architecture", "int8, gantry [%]", "int8, fish [%]", "flights apart [mm]")
     kept = sum(
-        rounding[arch][d]["int8"]["worse"] <= _ALLOWED
-        for arch in ARCHITECTURES
-        for d in ("gantry", "fish")
+        rounding[arch][d]["int8"]["worse"] <= _ALLOWED for arch in ARCHITECTURES for d in _DOMAINS
     )
     trained = result["trained"]
     text = (
@@ -240,6 +240,55 @@ def _whole_tick(parts: Parts) -> tuple[str, ...]:
         table((f"whole tick of the {arch} in C", "measured", "aim"), rows),
         f"This flight has {one['ticks']:,} ticks with `--realtime`.",
     )
+
+
+def against_error(records: Records) -> Section:
+    """Error against what a step takes, and who is beaten by none."""
+    measured = records.json(RECORD)["parts"]["costs"]
+    study = records.json(STUDY)
+    rows = [
+        [
+            arch,
+            *(f"{measured[arch][domain]['error']:.3f}" for domain in _DOMAINS),
+            *(f"{measured[arch]['gantry'][key] / 1e3:.1f}" for key in _COSTS.values()),
+        ]
+        for arch in ARCHITECTURES
+    ]
+    head = ("architecture", "error, gantry", "error, fish", "flash, gantry [kB]",
+            "RAM, gantry [kB]", "instructions, gantry [10³]")  # fmt: skip
+    beaten_by_none = table(
+        ("none beats in error and", *_DOMAINS),
+        [
+            [what, *(", ".join(_front(measured, domain, key)) for domain in _DOMAINS)]
+            for what, key in _COSTS.items()
+        ],
+    )
+    return Section(
+        "Error against bytes and instructions",
+        "The error is that of the study of error against parameters: RMSE over the standard"
+        f" deviation on test episodes, the mean of {study['seeds']} seeds. The costs are those of"
+        " the same shapes as C with float32 weights. Bytes are counted, without code and libm;"
+        " instructions are estimated for a Cortex-M4F.",
+        paragraphs(
+            "![Error against flash, RAM and instructions](figures/c-costs.png)",
+            table(head, rows),
+            beaten_by_none,
+        ),
+        ("python -m benchmarks.compiled --work work --part costs",),
+    )
+
+
+def _front(measured: Parts, domain: str, key: str) -> list[str]:
+    """Architectures that no other beats in error without costing more."""
+    points = {arch: (one[domain]["error"], one[domain][key]) for arch, one in measured.items()}
+    return [
+        arch
+        for arch in ARCHITECTURES
+        if not any(
+            all(a <= b for a, b in zip(other, points[arch], strict=True)) and other != points[arch]
+            for other in points.values()
+        )
+    ]
 
 
 def on_an_avr(records: Records) -> Section:
