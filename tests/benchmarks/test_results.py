@@ -9,7 +9,8 @@ import pytest
 from benchmarks import keep, records, tuned
 from benchmarks.results import compiled, flight, readme
 from benchmarks.results.pages import SECTIONS, Pages
-from benchmarks.results.section import Records
+from benchmarks.results.section import ARCHITECTURES, Records
+from wakedeploy.study.pareto import Point, by_flash, by_instructions, by_ram, front
 
 KINDS = {".json", ".csv", ".jsonl"}
 DAY, COMMIT = r"20\d\d-\d\d-\d\d", "`[0-9a-f]{7,12}`"
@@ -144,6 +145,25 @@ def test_the_aims_of_the_c_export_are_beside_what_was_measured(tmp_path: Path) -
     assert "| p99.9 | 0.99 ms | 1 ms |" in flown
     assert "| memory of the process | 40 MB | 40 MB, missed |" in flown
     assert "In 1 of 8 rows the median tick takes longer in C than in onnxruntime: esn." in flown
+
+
+def test_who_is_beaten_by_none_in_error_and_cost_is_the_same_in_the_table_and_the_picture() -> None:
+    measured = json.loads((records.FOLDER / "compiled.json").read_text())["parts"]["costs"]
+    body = compiled.against_error(Records(records.FOLDER)).body
+    for what, cost in (("flash", by_flash), ("RAM", by_ram), ("instructions", by_instructions)):
+        best = []
+        for domain in ("gantry", "fish"):
+            points = [
+                Point(
+                    domain, arch, tuple(one[domain]["errors"]), one[domain]["trainable"], 0, (), (),
+                    one[domain]["flash_bytes"], one[domain]["ram_bytes"],
+                    one[domain]["instructions"],
+                )
+                for arch, one in measured.items()
+            ]  # fmt: skip
+            unbeaten = {point.arch for point in front(points, cost)}
+            best.append(", ".join(arch for arch in ARCHITECTURES if arch in unbeaten))
+        assert f"| {what} | {best[0]} | {best[1]} |" in body
 
 
 def test_pictures_of_tuning_show_what_was_tuned_and_no_empty_panels() -> None:
