@@ -13,6 +13,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from runtime.bench import BenchRow
 
 RECORD = records.FOLDER / "compiled.json"
+STUDY = records.FOLDER / "study-pareto.json"
 KINDS = ("float32", "float16", "int8")
 EPOCHS, MINUTES = 5, 10
 DOMAINS = ("gantry", "fish")
@@ -70,6 +72,8 @@ def main() -> None:
             result = PARTS[part](given.work, arch)
             _keep(part, arch, result)
             print(part, arch, json.dumps(result), flush=True)
+        if part == "costs":
+            draw_costs()
 
 
 def _keep(part: str, arch: str, result: dict[str, Any]) -> None:
@@ -83,8 +87,13 @@ def _keep(part: str, arch: str, result: dict[str, Any]) -> None:
     joined = {
         key: ", ".join(sorted({stamp[key] for stamp in stamps})) for key in ("measured", "commit")
     }
-    tools = {"compiler": version_of(host_compiler()), "clock_hz": CLOCK_HZ}
-    records.write(RECORD, joined | tools | {"parts": known["parts"], "stamps": known["stamps"]})
+    settings = {
+        "compiler": version_of(host_compiler()),
+        "clock_hz": CLOCK_HZ,
+        "trained": {"epochs": EPOCHS, "gantry_minutes": MINUTES},
+        "flight_s": _FLIGHT_S,
+    }
+    records.write(RECORD, joined | settings | {"parts": known["parts"], "stamps": known["stamps"]})
 
 
 def reference_package(work: Path, arch: str) -> Path:
@@ -113,12 +122,12 @@ def reference_c(work: Path, arch: str, kind: str) -> Path:
 def sizes(work: Path, arch: str) -> dict[str, Any]:
     """Flash, RAM, instructions and estimated cycles on a Cortex-M4F; parity on every board."""
     require_tools()
-    by_kind = {}
+    result = {}
     for kind in KINDS:
         folder = read_c_folder(reference_c(work, arch, kind))
         found = taken(folder, CORTEX_M4F)
         executed, cycles = cycles_of_a_step(folder)
-        by_kind[kind] = {
+        result[kind] = {
             "instructions": found.instructions,
             "executed_in_trace": executed,
             "cycles": cycles,
@@ -132,7 +141,7 @@ def sizes(work: Path, arch: str) -> dict[str, Any]:
             "parity_here": max(p.max_rel for p in folder.document.proofs),
             "limit": folder.document.limit,
         }
-    return by_kind
+    return result
 
 
 def host(work: Path, arch: str) -> dict[str, Any]:
@@ -207,7 +216,7 @@ def _rounding_on(work: Path, arch: str, domain: str) -> dict[str, Any]:
     package = read_package(the_package(work, arch, domain))
     force = package.manifest.force
     predictor = run.predictor.eval()
-    by_kind: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for kind in ("float16", "int8"):
         with tempfile.TemporaryDirectory() as place:
             wish = Wish(kind, tolerance=10.0)
@@ -219,14 +228,14 @@ def _rounding_on(work: Path, arch: str, domain: str) -> dict[str, Any]:
         document = made.document
         assert document.rounding is not None
         assert document.rounding.worse is not None
-        by_kind[kind] = {
+        result[kind] = {
             "worse": document.rounding.worse,
             "rmse": document.rounding.rmse,
             "float_rmse": document.rounding.float_rmse,
             "rel_rms": document.rounding.rel_rms,
             "parity": max(p.max_rel for p in document.proofs),
         }
-    return by_kind
+    return result
 
 
 def the_set(work: Path, domain: str) -> Path:
@@ -318,13 +327,13 @@ def _timings(row: "BenchRow") -> dict[str, Any]:
 
 def avr(work: Path, arch: str) -> dict[str, Any]:
     """What fits two AVRs, and how long a step takes there: the reference shape, and a small one."""
-    by_kind: dict[str, Any] = {"small": {"hyper": SMALL[arch]}}
+    result: dict[str, Any] = {"small": {"hyper": SMALL[arch]}}
     for kind in ("float32", "int8"):
         folder = read_c_folder(reference_c(work, arch, kind))
-        by_kind[kind] = {mcu.name: _on_avr(folder, mcu) for mcu in MCUS}
+        result[kind] = {mcu.name: _on_avr(folder, mcu) for mcu in MCUS}
     small = read_c_folder(_small_c(work, arch))
-    by_kind["small"] |= {mcu.name: _on_avr(small, mcu) for mcu in MCUS}
-    return by_kind
+    result["small"] |= {mcu.name: _on_avr(small, mcu) for mcu in MCUS}
+    return result
 
 
 def _on_avr(folder: CFolder, mcu: Mcu) -> dict[str, Any]:
@@ -362,6 +371,60 @@ def _with(request: Any, package: Path | None) -> Any:
     return replace(request, package=package, allow_lead_mismatch=True)
 
 
+def costs(work: Path, arch: str) -> dict[str, Any]:
+    """What the study's shape takes as C, beside the error that the study of costs measured."""
+    return {domain: _costs_on(work, arch, domain) for domain in DOMAINS}
+
+
+def _costs_on(work: Path, arch: str, domain: str) -> dict[str, Any]:
+    """Cost of a shape does not depend on its weights: an untrained one stands for the study's."""
+    from export.c.cost import c_cost
+    from export.step_time import unproved_package
+    from trainers.training.runs import new_predictor
+    from trainers.training.trainer import configure
+    from wakedeploy.core.episodes import read_episode_set
+
+    (studied,) = [p for p in _studied()["points"] if (p["domain"], p["arch"]) == (domain, arch)]
+    data = read_episode_set(the_set(work, domain))
+    config = configure(data, arch, seed=0, lead_s=0.0)
+    predictor = new_predictor(config).eval()
+    trainable = sum(p.numel() for p in predictor.parameters() if p.requires_grad)
+    if trainable != studied["trainable"]:
+        raise CheckFailed(
+            f"{STUDY}: on {domain} {arch} has {studied['trainable']} weights, here {trainable}:"
+            " measure `study pareto` anew."
+        )
+    cost = asdict(c_cost(unproved_package(predictor, config)))
+    return cost | {key: studied[key] for key in ("errors", "error", "trainable")}
+
+
+def _studied() -> dict[str, Any]:
+    study: dict[str, Any] = json.loads(STUDY.read_text(encoding="utf-8"))
+    return study
+
+
+def draw_costs() -> None:
+    """The picture of error against bytes and instructions, from the record."""
+    from wakedeploy.core import figures
+    from wakedeploy.study.pareto import Point
+    from wakedeploy.study.pareto_figure import CHIP_COSTS, panels
+
+    measured = json.loads(RECORD.read_text(encoding="utf-8"))["parts"]["costs"]
+    by_domain = {
+        domain: [
+            Point(
+                domain, arch, tuple(costs[domain]["errors"]), costs[domain]["trainable"], 0, (),
+                flash_bytes=costs[domain]["flash_bytes"], ram_bytes=costs[domain]["ram_bytes"],
+                instructions=costs[domain]["instructions"],
+            )
+            for arch, costs in measured.items()
+        ]
+        for domain in DOMAINS
+    }  # fmt: skip
+    drawn = panels(by_domain, {domain: {} for domain in DOMAINS}, CHIP_COSTS)
+    figures.save(drawn, records.FIGURES / "c-costs.png")
+
+
 PARTS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "sizes": sizes,
     "host": host,
@@ -370,6 +433,7 @@ PARTS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "paced": paced,
     "tick": tick,
     "avr": avr,
+    "costs": costs,
 }
 # A minute and three quarters each: of one that remembers, and takes the longest of the dense ones.
 _ALONE = {"tick": ("gru",)}

@@ -41,7 +41,13 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         *((live.live,) if (records.FOLDER / live.RECORD).exists() else ()),
         faults.faults,
     ),
-    "On a chip": (compiled.on_a_chip, compiled.on_this_machine, compiled.paced, compiled.on_an_avr),
+    "On a chip": (
+        compiled.on_a_chip,
+        compiled.against_error,
+        compiled.on_this_machine,
+        compiled.paced,
+        compiled.on_an_avr,
+    ),
     "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
     "The paper's comparisons": (
         studies.domains,

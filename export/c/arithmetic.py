@@ -74,7 +74,11 @@ def layer_norm(writer: StepWriter, node: Node) -> None:
     """Along the last axis, row by row."""
     given = writer.contiguous(node.inputs[0])
     _require_last(node, given.shape)
-    gain, bias = (writer.table(name) for name in node.inputs[1:3])
+    n = given.shape[-1]
+    gain = writer.table(node.inputs[1])
+    bias = writer.table(node.inputs[2]) if len(node.inputs) > 2 else writer.zeros(n)
+    if size_of(gain.shape) != n or size_of(bias.shape) != n:
+        raise NotInC(f"has a {node.op} whose gain or bias has not the {n} numbers of its axis")
     epsilon = literal(float(str(node.attributes.get("epsilon", 1e-5))))
     made = writer.variable(node.outputs[0], given.shape)
     call = f"layer_norm({{x}}, {gain.start}, {bias.start}, {epsilon}, {{y}}, {{n}});"

@@ -18,7 +18,15 @@ _RESERVED = frozenset((
     "tanhf", "sqrtf", "log1pf", "powf", "few", "frame", "sum", "matrix", "scale", "bias", "columns",
     "counts", "FLASH", "AS_WRITTEN",
 ))
+# `#include <math.h>` must not find the model's own header, here or in the caller's program.
+_HEADERS = frozenset((
+    "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits",
+    "locale", "math", "setjmp", "signal", "stdalign", "stdarg", "stdatomic", "stdbool", "stddef",
+    "stdint", "stdio", "stdlib", "stdnoreturn", "string", "tgmath", "threads", "time", "uchar",
+    "wchar", "wctype",
+))
 # fmt: on
+_OF_THE_SELF_TEST = "_test"  # NAME_test.c lies beside NAME.c
 _OF_THE_MODEL = re.compile(r"^(predictor\.core\.|predictor\.|core\.)")
 
 
@@ -31,6 +39,15 @@ def require_name(name: str) -> str:
         )
     if name in _RESERVED:
         raise UnusableInput(f"'{name}' means something else in C; give another --name.")
+    if name.lower() in _HEADERS:
+        raise UnusableInput(
+            f"'{name}.h' would hide the header <{name.lower()}.h> of C; give another --name."
+        )
+    if name.endswith(_OF_THE_SELF_TEST):
+        raise UnusableInput(
+            f"'{name}' ends in {_OF_THE_SELF_TEST}, as the self-test's file does; give another"
+            " --name."
+        )
     return name
 
 

@@ -121,10 +121,10 @@ def _softmax(node: Node, given: list[Wide]) -> Wide:
 
 
 def _layer_norm(node: Node, given: list[Wide]) -> Wide:
-    x, gain, bias = given
+    x, gain, *bias = given
     mean, variance = x.mean(-1, keepdims=True), x.var(-1, keepdims=True)
-    made: Wide = (x - mean) / np.sqrt(variance + _number(node, "epsilon", 1e-5)) * gain + bias
-    return made
+    made: Wide = (x - mean) / np.sqrt(variance + _number(node, "epsilon", 1e-5)) * gain
+    return made + bias[0] if bias else made
 
 
 def _number(node: Node, name: str, default: float) -> float:

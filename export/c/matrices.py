@@ -27,6 +27,8 @@ class Matrices:
         """Gemm: a vector times constant weights."""
         if node.attributes.get("alpha", 1.0) != 1.0 or node.attributes.get("transA", 0):
             raise NotInC("has a Gemm that no architecture has")
+        if len(node.inputs) > 2 and node.attributes.get("beta", 1.0) != 1.0:
+            raise NotInC("has a Gemm that scales its bias, which no architecture does")
         bias = node.inputs[2] if len(node.inputs) > 2 else None
         matrix = self._matrix(node.inputs[1], bias, bool(node.attributes.get("transB", 0)))
         self._multiply(matrix, node.inputs[0], bias, node.outputs[0])

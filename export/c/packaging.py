@@ -6,10 +6,11 @@ graph with the same rounded weights, computed in float64; what the rounding itse
 measured apart and has a tolerance of its own.
 """
 
+import contextlib
 import importlib.util
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,11 +27,11 @@ from export.c.selftest import self_test
 from export.c.source import Model, header, source
 from export.c.weights import Kind
 from export.c.writer import NotInC
-from runtime.compiled.compiler import PLAIN, host_compiler, native_flags, version_of
+from runtime.compiled.compiler import PLAIN, BuildFailed, host_compiler, native_flags, version_of
 from runtime.compiled.driven import driven
 from runtime.compiled.folder import CFolder, Document, Proof, Rounding, read_c_folder, sealed
 from runtime.compiled.predictor import CompiledPredictor
-from runtime.compiled.proof import proved
+from runtime.compiled.proof import Proved, proved
 from runtime.replay import compare
 from wakedeploy.core.errors import CheckFailed, UnusableInput, why
 from wakedeploy.core.files import sha256_of
@@ -93,8 +94,10 @@ def export_c(
     reference = _Reference(package, graph, model, forward)
     progress(1, 4)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as place:
+        with (
+            _parents_of(folder),
+            tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as place,
+        ):
             draft = Path(place) / folder.name
             draft.mkdir()
             document = _written(draft, model, reference)
@@ -110,6 +113,20 @@ def export_c(
         ) from error
     progress(4, 4)
     return read_c_folder(folder)
+
+
+@contextlib.contextmanager
+def _parents_of(folder: Path) -> Iterator[None]:
+    """The folders above, made where they are missing; those are removed again after a failure."""
+    missing = [parent for parent in folder.parents if not parent.exists()]  # the deepest first
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for parent in missing:
+            with contextlib.suppress(OSError):  # not made, or no longer empty
+                parent.rmdir()
+        raise
 
 
 def _program(graph: Graph, package: Package, kind: Kind) -> Program:
@@ -208,7 +225,7 @@ def _measured(
     folder: CFolder, document: Document, reference: _Reference, wish: Wish, real: Real | None
 ) -> Document:
     """The document with what was measured; CheckFailed where something is beyond its limit."""
-    tested = proved(folder, wish.flags)
+    tested = _proved(folder, document, wish)
     # A build of the user's own flags is not loaded: with -ffast-math a library changes how the
     # whole process rounds. Its self-test has run in a process of its own.
     stepped = [_stepped(folder, flags, reference, real) for flags in _own_builds()]
@@ -222,6 +239,22 @@ def _measured(
     _require_tolerance(rounding, wish)
     update = {"proofs": proofs, "rounding": rounding}
     return document.model_copy(update=update)
+
+
+def _proved(folder: CFolder, document: Document, wish: Wish) -> Proved:
+    """`proved` of a draft, in words that do not name it: it is gone when they are read."""
+    try:
+        return proved(folder, wish.flags)
+    except BuildFailed as error:
+        is_ours = error.flags in _own_builds()
+        advice = _report_this() if is_ours else "Give other --cflags."
+        raise CheckFailed(
+            f"The C of this {document.manifest.arch}: {error.what}; nothing was written. {advice}"
+        ) from error
+
+
+def _report_this() -> str:
+    return f"Report this with the compiler's version: {version_of(host_compiler())}."
 
 
 def _own_builds() -> list[tuple[str, ...]]:
@@ -262,7 +295,7 @@ def _require_parity(proofs: Sequence[Proof], document: Document) -> None:
         raise CheckFailed(
             f"The C of this {document.manifest.arch} differs from {document.reference.rstrip(',')}:"
             f" relative {worst.max_rel:.1e} with {worst.flags}, limit {document.limit:.1e}; nothing"
-            f" was written. Report this with the compiler's version: {version_of(host_compiler())}."
+            f" was written. {_report_this()}"
         )
 
 

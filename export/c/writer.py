@@ -93,6 +93,12 @@ class StepWriter:
             self._tables[name] = whole(store, values.shape)
         return self._tables[name]
 
+    def zeros(self, size: int) -> Buffer:
+        """As many zeros in an array of the source, for what a graph leaves out."""
+        store = Store(self.names.new("zeros"), size, is_variable=False)
+        self.tables[store.name] = np.zeros(size, np.float32)
+        return whole(store, (size,))
+
     def numbers(self, node: Node, index: int, default: Shape) -> Shape:
         """The whole numbers that an input of a node holds."""
         if index >= len(node.inputs):

@@ -11,9 +11,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from runtime.compiled.compiler import PLAIN, compiled, host_compiler, native_flags, version_of
+from runtime.compiled.compiler import (
+    PLAIN,
+    BuildFailed,
+    Compiler,
+    compiled,
+    host_compiler,
+    native_flags,
+    version_of,
+)
 from runtime.compiled.folder import CFolder, Proof
-from wakedeploy.core.errors import CheckFailed, shown
+from wakedeploy.core.errors import shown
 
 _SAID = re.compile(r"max_rel (\S+) over (\d+) steps")
 _LIMIT_S = 120.0
@@ -66,7 +74,7 @@ def require_proof(folder: CFolder, waiting: Callable[[], None] = lambda: None) -
         _passed.add(folder.sha256)
 
 
-def _tested(folder: CFolder, compiler: str, flags: Sequence[str]) -> tuple[float, int]:
+def _tested(folder: CFolder, compiler: Compiler, flags: Sequence[str]) -> tuple[float, int]:
     with tempfile.TemporaryDirectory(prefix="wakedeploy-c-") as place:
         program = Path(place) / "self-test"
         compiled([folder.source, folder.test], program, flags, compiler)
@@ -75,14 +83,11 @@ def _tested(folder: CFolder, compiler: str, flags: Sequence[str]) -> tuple[float
                 [program], capture_output=True, text=True, timeout=_LIMIT_S, check=False
             )
         except subprocess.TimeoutExpired as error:
-            raise CheckFailed(
-                f"{folder.path}: its self-test had not ended after {_LIMIT_S:g} s: do not fly it."
-            ) from error
+            what = f"its self-test had not ended after {_LIMIT_S:g} s with {' '.join(flags)}"
+            raise BuildFailed(folder.path, what, "do not fly it.", flags) from error
     said = _SAID.search(ended.stdout)
     if ended.returncode != 0 or said is None:
         message = shown(ended.stdout + ended.stderr)[:300] or f"exit status {ended.returncode}"
-        raise CheckFailed(
-            f"{folder.path}: its self-test fails with {' '.join(flags)} ({message}): do not fly it,"
-            " export it again."
-        )
+        what = f"its self-test fails with {' '.join(flags)} ({message})"
+        raise BuildFailed(folder.path, what, "do not fly it, export it again.", flags)
     return float(said[1]), int(said[2])

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from benchmarks import keep, records, tuned
-from benchmarks.results import flight, readme
+from benchmarks.results import compiled, flight, readme
 from benchmarks.results.pages import SECTIONS, Pages
-from benchmarks.results.section import Records
+from benchmarks.results.section import ARCHITECTURES, Records
+from wakedeploy.study.pareto import Point, by_flash, by_instructions, by_ram, front
 
 KINDS = {".json", ".csv", ".jsonl"}
 DAY, COMMIT = r"20\d\d-\d\d-\d\d", "`[0-9a-f]{7,12}`"
@@ -126,6 +127,43 @@ def test_parity_is_told_of_the_package_that_comes_nearest_its_limit(tmp_path: Pa
     body = flight.tracking(Records(tmp_path)).body
     assert "of the 16 packages, one of gru comes nearest its limit" in body
     assert "by 90 % of that limit, over 3,200 carried steps" in body
+
+
+def test_the_aims_of_the_c_export_are_beside_what_was_measured(tmp_path: Path) -> None:
+    record = json.loads((records.FOLDER / "compiled.json").read_text())
+    parts = record["parts"]
+    parts["tick"]["gru"] |= {"p999_ms": 0.99, "rss_mb": 40.2}
+    parts["sizes"]["gru"]["int8"]["ms"] = 2.5
+    parts["sizes"]["esn"]["int8"]["parity"]["Cortex-M33"] = 2.01e-6
+    for arch, one in parts["paced"].items():
+        one["c"]["p50_ms"] = one["onnxruntime"]["p50_ms"] + (0.1 if arch == "esn" else -0.1)
+    (tmp_path / "compiled.json").write_text(json.dumps(record))
+    chip, flown = (of(Records(tmp_path)).body for of in (compiled.on_a_chip, compiled.paced))
+    assert "| estimated step, float32 | 2.9 ms | 3 ms |" in chip
+    assert "| estimated step, int8 | 2.5 ms | 3 ms |" in chip
+    assert "differs by more than 2.1e-06" in chip, "rounded up"
+    assert "| p99.9 | 0.99 ms | 1 ms |" in flown
+    assert "| memory of the process | 40 MB | 40 MB, missed |" in flown
+    assert "In 1 of 8 rows the median tick takes longer in C than in onnxruntime: esn." in flown
+
+
+def test_who_is_beaten_by_none_in_error_and_cost_is_the_same_in_the_table_and_the_picture() -> None:
+    measured = json.loads((records.FOLDER / "compiled.json").read_text())["parts"]["costs"]
+    body = compiled.against_error(Records(records.FOLDER)).body
+    for what, cost in (("flash", by_flash), ("RAM", by_ram), ("instructions", by_instructions)):
+        best = []
+        for domain in ("gantry", "fish"):
+            points = [
+                Point(
+                    domain, arch, tuple(one[domain]["errors"]), one[domain]["trainable"], 0, (), (),
+                    one[domain]["flash_bytes"], one[domain]["ram_bytes"],
+                    one[domain]["instructions"],
+                )
+                for arch, one in measured.items()
+            ]  # fmt: skip
+            unbeaten = {point.arch for point in front(points, cost)}
+            best.append(", ".join(arch for arch in ARCHITECTURES if arch in unbeaten))
+        assert f"| {what} | {best[0]} | {best[1]} |" in body
 
 
 def test_pictures_of_tuning_show_what_was_tuned_and_no_empty_panels() -> None:

@@ -351,6 +351,22 @@ def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_pat
     assert (out / "pareto.pdf").exists()
 
 
+def test_error_and_flash_judge_a_trial_by_the_bytes_of_its_weights(
+    data: Path, tmp_path: Path
+) -> None:
+    ended = wakedeploy(
+        "tune", "--arch", "agile-mlp", "--data", data, "--out", tmp_path / "out", "--trials", 2,
+        "--epochs", 1, "--dimension", "hidden=4,64", "--dimension", "layers=1",
+        "--objective", "rmse,flash", "--json", tmp_path / "told.json",
+    )  # fmt: skip
+    assert ended.exit_code == 0, ended.output
+    for row in json.loads((tmp_path / "told.json").read_text())["rows"]:
+        assert row["cost"] == 4 * row["parameters"]
+    presets = [tomllib.loads(p.read_text()) for p in (tmp_path / "out" / "pareto").glob("*.toml")]
+    assert presets
+    assert all(preset["study"]["flash_bytes"] > 0 for preset in presets)
+
+
 def test_every_architectures_dimensions_are_listed_with_their_bounds() -> None:
     told = " ".join(wakedeploy("tune", "--list-dimensions").output.replace("│", " ").split())
     assert "gru hidden=16:192 dropout=0:0.5 learning_rate=0.0003:0.03" in told

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import needs
 import pytest
+from made_packages import gantry_package
 from pages import sent_at
 
 from wakedeploy.core.package import write_package
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 UNIT = Path(__file__).parents[2] / "deployment" / "wakedeploy-gantry@.service"
@@ -104,8 +106,13 @@ def missing_for_confinement():
 
 
 def confined(package, calls, told):
-    command = [sys.executable, Path(__file__).with_name("confined.py"), "wakedeploy", "bench",
-               "latency", package, "--ticks", "64", "--realtime", "--json", told]  # fmt: skip
+    return within(calls, "bench", "latency", package, "--ticks", "64", "--realtime", "--json", told)
+
+
+def within(calls, *arguments):
+    """Run a command with these system calls alone."""
+    confined = Path(__file__).with_name("confined.py")
+    command = [sys.executable, confined, "wakedeploy", *arguments]
     return subprocess.run(
         command, input=" ".join(sorted(calls)), capture_output=True, text=True, check=False,
         timeout=100,
@@ -130,6 +137,19 @@ def test_the_real_time_loop_runs_within_the_units_limits_and_system_calls(tiny_p
     assert row["realtime"]
     refused = confined(package, calls - {"sched_setscheduler"}, tmp_path / "none.json")
     assert "may not use SCHED_FIFO" in refused.stdout + refused.stderr
+
+
+@needs.c_compiler
+@pytest.mark.usefixtures("confinement")
+def test_a_package_becomes_c_and_flies_within_the_units_system_calls(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    package, told = tmp_path / "p.onnx", tmp_path / "told.json"
+    write_package(gantry_package(default_lead_s(default_rig())), package)
+    asked = ("run-gantry", "--package", package, "--backend", "c", "--virtual", "--seconds", "6")
+    ended = within(allowed_calls(), *asked, "--json", told)
+    assert told.exists(), ended.stdout + ended.stderr
+    assert json.loads(told.read_text())["ended"] == "whole"
+    assert list((tmp_path / "cache" / "wakedeploy" / "c").glob("*.so"))
 
 
 @pytest.mark.wallclock

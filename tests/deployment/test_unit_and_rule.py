@@ -56,7 +56,7 @@ def settings(name):
 
 def test_the_unit_flies_only_when_asked_and_its_command_exists():
     (line,) = settings("ExecStart")
-    program, command, *options = line.split()
+    program, command, *options = line.replace("$OPTIONS", "").split()
     assert (program, command) == ("/opt/wakedeploy/bin/wakedeploy", "run-gantry")
     with run_gantry.make_context("run-gantry", options) as parsed:
         params = parsed.params
@@ -67,6 +67,17 @@ def test_the_unit_flies_only_when_asked_and_its_command_exists():
     assert params["realtime"]
     assert not params["virtual"]
     assert f'SYMLINK+="{params["port"].removeprefix("/dev/")}"' in RULES.read_text()
+
+
+def test_an_option_that_a_drop_in_adds_reaches_the_command_and_none_is_there_before():
+    (line,), environment = settings("ExecStart"), settings("Environment")
+    assert "OPTIONS=" in environment
+    _, _, *options = line.replace("$OPTIONS", "--backend c").split()
+    with run_gantry.make_context("run-gantry", options) as parsed:
+        assert parsed.params["backend"] == "c"
+    (kept,) = [e.partition("=")[2] for e in environment if e.startswith("XDG_CACHE_HOME=")]
+    (writable,) = settings("BindPaths")
+    assert Path(kept).is_relative_to(writable), "C is kept from one start to the next"
 
 
 def test_a_restart_does_not_reset_the_board_on_its_way_down():

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from made_packages import package_of, parsed, sound, tiny_manifest, tiny_model
 from needs import c_compiler
 
+from runtime.compiled.compiler import host_compiler
 from runtime.compiled.driven import driven
 from runtime.compiled.folder import read_c_folder
 from runtime.compiled.predictor import CompiledPredictor
@@ -189,8 +190,34 @@ def test_c_that_differs_leaves_nothing(package, tmp_path, monkeypatch):
     monkeypatch.setattr("export.c.arithmetic.FORMS", _off_by_a_little())
     said = wakedeploy("export", "--package", package, "--c", tmp_path / "c")
     assert said.exit_code == 1
-    assert "self-test fails" in said.output
+    words = " ".join(said.output.split())
+    assert "The C of this gru: its self-test fails with -O2" in words
+    assert "nothing was written" in words
+    assert "compiler's version" in words
+    assert str(tmp_path) not in words, "what it names would be gone"
+    assert "fly it" not in words
     assert list(tmp_path.iterdir()) == []
+
+
+def test_flags_that_the_compiler_does_not_take_are_named(package, tmp_path):
+    said = wakedeploy(
+        "export", "--package", package, "--c", tmp_path / "c", "--cflags", "--no-such-flag"
+    )
+    assert said.exit_code == 1
+    words = " ".join(said.output.split())
+    assert "--no-such-flag does not compile it" in words
+    assert "nothing was written. Give other --cflags." in words
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folders_above_are_made_and_go_again_where_the_export_fails(package, tmp_path, monkeypatch):
+    there = tmp_path / "p" / "q" / "r"
+    with monkeypatch.context() as damaged:
+        damaged.setattr("export.c.arithmetic.FORMS", _off_by_a_little())
+        assert wakedeploy("export", "--package", package, "--c", there).exit_code == 1
+    assert list(tmp_path.iterdir()) == []
+    assert wakedeploy("export", "--package", package, "--c", there).exit_code == 0
+    assert (there / "gru.c").exists()
 
 
 def _off_by_a_little() -> dict[str, str]:
@@ -207,6 +234,22 @@ def test_a_machine_without_a_compiler_is_told_so_before_anything_is_made(
     assert "no C compiler" in refused("export", "--package", package, "--c", tmp_path / "c")
     assert list(tmp_path.iterdir()) == []
     assert "no C compiler" in refused("check", made)
+
+
+def test_a_compiler_that_cc_names_is_taken_with_its_arguments_or_refused(
+    package, made, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("CC", "/no/such/compiler")
+    assert "no such program" in refused("export", "--package", package, "--c", tmp_path / "c")
+    assert "no such program" in refused("check", made)
+    monkeypatch.setenv("CC", "cc 'unclosed")
+    assert "correct the variable CC" in refused("check", made)
+    cc = shutil.which("cc")
+    monkeypatch.setenv("CC", "env LANG=C cc")
+    assert host_compiler()[1:] == ("LANG=C", "cc")
+    assert wakedeploy("check", made).exit_code == 0
+    monkeypatch.delenv("CC")
+    assert host_compiler() == (cc,)
 
 
 def test_a_folder_that_is_there_and_a_name_that_c_refuses(package, made, tmp_path):
@@ -240,6 +283,49 @@ def test_a_graph_that_is_none_of_the_eight_is_refused(tmp_path):
     told = refused("export", "--package", tmp_path / "cubed.onnx", "--c", tmp_path / "c")
     assert "another power than 2" in told
     assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(
+    ("body", "constants", "words"),
+    [
+        ("x = Gemm <beta: float = 0.5, transB: int = 1> (observation, matrix, pair)", {},
+         "scales its bias"),
+        ("x = LayerNormalization (observation, one, pair)", {"one": np.ones(1, np.float32)},
+         "gain or bias"),
+        ("x = LayerNormalization (observation, pair, one)", {"one": np.ones(1, np.float32)},
+         "gain or bias"),
+    ],
+)  # fmt: skip
+def test_an_operator_that_c_would_compute_otherwise_is_refused(tmp_path, body, constants, words):
+    write_package(_normed(body, constants), tmp_path / "p.onnx")
+    assert words in refused("export", "--package", tmp_path / "p.onnx", "--c", tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_layer_normalisation_without_a_bias_adds_none(tmp_path):
+    package = sound(_normed("x = LayerNormalization (observation, pair)", {}))
+    write_package(package, tmp_path / "p.onnx")
+    for kind in ("float32", "int8"):
+        said = wakedeploy("export", "--package", tmp_path / "p.onnx", "--c", tmp_path / kind,
+                          "--weights", kind)  # fmt: skip
+        assert said.exit_code == 0, said.output
+    series = driven(package.manifest, 20)
+    compiled, onnx = (
+        CompiledPredictor(read_c_folder(tmp_path / "float32")),
+        PackagePredictor(package),
+    )
+    for now in series:
+        assert np.allclose(compiled.step(now), onnx.step(now), atol=1e-6)
+
+
+def _normed(made: str, constants: dict[str, np.ndarray]) -> Package:
+    """A package whose force is `x`, and whose state is a sum."""
+    body = f"""t (float[B, 2] observation, float[B, 2] state_leaky)
+        => (float[B, 2] force, float[B, 2] next_state_leaky)
+        {{ {made} force = Tanh (x) next_state_leaky = Add (state_leaky, observation) }}"""
+    all_of_them = {"pair": np.array([0.5, 2.0], np.float32), "matrix": np.eye(2, dtype=np.float32)}
+    model = parsed(body, {n: v for n, v in (all_of_them | constants).items() if n in made})
+    return package_of(model.SerializeToString(), tiny_manifest("state"))
 
 
 def test_hostile_names_and_units_stay_within_comments_and_literals(tmp_path):

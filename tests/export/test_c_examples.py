@@ -80,6 +80,19 @@ def test_the_app_for_the_crazyflie_compiles_for_its_processor(tmp_path):
     assert "package_is_for_the_crazyflie" in other.stderr, "another domain's package is refused"
 
 
+def test_the_app_for_the_crazyflie_finds_its_settings_from_any_folder(tmp_path):
+    """`make -C` leaves PWD at the folder where it was called."""
+    rules = tmp_path / "tools" / "make" / "oot.mk"
+    rules.parent.mkdir(parents=True)
+    rules.write_text("all:\n\t@test -f $(OOT_CONFIG)\n")
+    app = EXAMPLES / "crazyflie"
+    done = subprocess.run(
+        ["make", "-s", "-C", app, f"CRAZYFLIE_BASE={tmp_path}"],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
 @needs.avr_compiler
 def test_the_arduino_library_compiles_for_an_uno(tmp_path):
     written(model_of(summing(), name="wake"), tmp_path)

@@ -64,9 +64,12 @@ def test_a_gru_of_71000_weights_takes_3_ms_and_8_kb(c_of):
 
 @pytest.mark.slow
 @needs.c_compiler
-@pytest.mark.parametrize("arch", ARCHITECTURES)
-def test_sanitizers_find_nothing_over_the_rollout(c_of, arch, tmp_path):
-    folder, program = c_of(arch), tmp_path / "self-test"
+@pytest.mark.parametrize(
+    ("arch", "kind"),
+    [*((arch, "float32") for arch in ARCHITECTURES), ("gru", "int8"), ("esn", "int8")],
+)
+def test_sanitizers_find_nothing_over_the_rollout(c_of, arch, kind, tmp_path):
+    folder, program = c_of(arch, kind), tmp_path / "self-test"
     sources = [folder.source, folder.test]
     subprocess.run(["gcc", *SANITIZED, *sources, "-o", program, "-lm"], check=True)
     done = subprocess.run([program], capture_output=True, text=True)

@@ -59,7 +59,11 @@ def test_no_text_ends_a_comment_or_goes_on_to_the_next_line(text):
 
 
 @pytest.mark.parametrize(
-    "name", ["", "9lives", "a-b", "int", "while", "state", "ä", "x" * 40, "a b"]
+    "name",
+    [
+        *("", "9lives", "a-b", "int", "while", "state", "ä", "x" * 40, "a b"),
+        *("math", "stdint", "Stdio", "wake_test"),
+    ],
 )
 def test_a_name_that_c_does_not_take_is_refused(name):
     with pytest.raises(UnusableInput, match="--name"):

@@ -114,7 +114,7 @@ def test_a_reservoir_is_kept_by_its_entries(exported_arch):
 @pytest.mark.parametrize("compiler", [pytest.param("gcc"), pytest.param("clang", marks=clang)])
 @pytest.mark.parametrize("kind", ["float32", "float16", "int8"])
 def test_it_compiles_without_a_warning(exported_arch, tmp_path, compiler, kind):
-    for arch in ("mamba", "cross-attention", "delay-embedding"):
+    for arch in ARCHITECTURES:
         path = written(model_of(exported_arch(arch).package, kind), tmp_path)
         warned = (*STRICT, "-Wshadow", "-Wpedantic", "-Wno-overlength-strings")
         done = subprocess.run(
