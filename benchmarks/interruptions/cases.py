@@ -217,7 +217,7 @@ def _swaps(folder: Path) -> None:
         for drone in "ab":
             columns |= {f"{drone}_{k}": 0.1 * rng.random((n, w)) for k, w in widths.items()}
             columns[f"{drone}_quat_xyzw"] = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
-            columns[f"{drone}_vbat"] = np.full(n, 3.7)
+            columns[f"{drone}_vbat"] = np.full((n, 1), 3.7)
         np.savez(folder / f"swap_ss_{flight}.npz", **columns)
 
 
@@ -268,11 +268,13 @@ def _package(folder: Path) -> Any:
 
 
 def _flown(folder: Path) -> Any:
-    """What every recording has in it that is whole."""
-    logs = [read_run_log(path) for path in (folder / "logs").glob("*.mcap")]
-    whole = [log for log in logs if "unfinished" not in log.metadata]
-    (digest,) = {hashlib.sha256(repr(list(log.rows())).encode()).hexdigest() for log in whole}
-    return digest
+    """What the newest recording has in it; those of flights that were stopped can be read, too.
+
+    A hidden file is one that was killed before it had its name.
+    """
+    paths = sorted(path for path in (folder / "logs").glob("*.mcap") if path.name[0] != ".")
+    rows = [list(read_run_log(path).rows()) for path in paths]
+    return hashlib.sha256(repr(rows[-1]).encode()).hexdigest()
 
 
 def _set(folder: Path) -> Any:
