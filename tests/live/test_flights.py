@@ -174,6 +174,12 @@ def names(browser):
     )
 
 
+def is_read(browser):
+    """Whether all four files are listed, and not by their names alone."""
+    shown = browser.text("rows") + browser.text("count")
+    return len(names(browser)) == 4 and "being read" not in shown and "reading" not in shown
+
+
 def draws(browser, name):
     browser.until(
         lambda: name in browser.script("return document.getElementById('view').textContent")
@@ -183,7 +189,7 @@ def draws(browser, name):
 @needs.chromium
 def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder, tmp_path):
     browser.open(served)
-    browser.until(lambda: len(names(browser)) == 4 and "reading" not in browser.text("count"))
+    browser.until(lambda: is_read(browser))
     assert names(browser)[0] == "below/<b>.mcap"  # the newest
     browser.click("only-faults")
     assert names(browser) == ["below/<b>.mcap"]
@@ -201,11 +207,7 @@ def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder,
     draws(browser, "below/<b>.mcap")
     browser.script("document.querySelector('[data-name=\"flight1.mcap\"] input').click()")
     draws(browser, "flight1.mcap")
-    edges = (
-        "return ['.u-over', '.view-line canvas'].map((one) => document.querySelector(one)"
-        ".getBoundingClientRect()).map((r) => [r.left, r.right])"
-    )
-    browser.until(lambda: np.ptp(browser.script(edges), axis=0).max() < 1.0)  # one axis of time
+    browser.until(lambda: np.ptp(browser.script(EDGES), axis=0).max() < 1.0)  # one axis of time
     what = "return document.querySelector('.what').textContent"
     assert browser.script(what) == "3 faults."
     browser.script("document.querySelectorAll('.steps button')[1].click()")
@@ -226,6 +228,30 @@ def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder,
     draws(browser, "below/<b>.mcap")
     browser.until(lambda: browser.script("return document.querySelectorAll('.uplot').length") >= 3)
     assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
+
+
+EDGES = (
+    "return ['.u-over', '.view-line canvas'].map((one) => document.querySelector(one)"
+    ".getBoundingClientRect()).map((r) => [r.left, r.right])"
+)
+
+
+def fits(browser, width):
+    """Whether strips and band end at the same places, and fill the window without leaving it."""
+    edges = np.array(browser.script(EDGES))
+    overflow = browser.script("return document.documentElement.scrollWidth") - width
+    return np.ptp(edges, axis=0).max() < 1.0 and edges[0, 1] > 0.8 * width and overflow <= 0
+
+
+@needs.chromium
+def test_the_band_of_modes_follows_the_strips_when_the_window_changes(browser, served):
+    browser.open(served)
+    browser.until(lambda: is_read(browser))
+    browser.script("document.querySelector('[data-name=\"flight1.mcap\"]').click()")
+    draws(browser, "flight1.mcap")
+    for size in (PHONE, (1000, 700), PHONE):
+        browser.size(*size)
+        browser.until(lambda size=size: fits(browser, size[0]))
 
 
 @needs.chromium

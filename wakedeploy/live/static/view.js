@@ -93,6 +93,7 @@ export class FlightView {
         axes: chartAxes((v) => `${+v.toFixed(6)}`),
         series: [{}, ...series],
         hooks: {
+          setSize: [(plot) => plot === this.plots?.[0] && this.line()], // only now it has its new size
           setCursor: [(plot) => (values.textContent = this.values(plot, strip))],
           setScale: [(plot, key) => key === "x" && this.zoomed(plot)],
         },
@@ -188,6 +189,5 @@ export class FlightView {
   resize() {
     const width = Math.max(this.root.clientWidth, 200);
     this.plots?.forEach((plot) => plot.width !== width && plot.setSize({ width, height: plot.height }));
-    if (this.band) this.line();
   }
 }
