@@ -24,7 +24,8 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.live import flights as module
 from wakedeploy.live.browse import Flights
 from wakedeploy.live.events import events_of
-from wakedeploy.live.flights import Index, cache_file
+from wakedeploy.live.flight_data import flight_data
+from wakedeploy.live.flights import Index, cache_file, row_of
 from wakedeploy.live.replay import Replay
 
 
@@ -77,7 +78,24 @@ def test_rows_are_what_log_show_says(folder):
     assert rows["flight1.mcap"]["seconds"] == pytest.approx(told.duration_s, abs=0.05)
     assert rows["below/<b>.mcap"]["faults"] == {"late": 2, "range_bad": 1}
     assert rows["below/<b>.mcap"]["gap"] == 1.7
+    assert rows["below/<b>.mcap"]["rig"] == ""  # the log does not say
     assert "is not an MCAP run log" in rows["broken.mcap"]["problem"]
+
+
+def test_a_row_names_rig_and_package_and_has_no_date_that_was_none(folder, tmp_path):
+    log = record(None, seconds=2, seed=0)
+    log.write_mcap(tmp_path / "bare.mcap")
+    row = row_of(tmp_path / "bare.mcap")
+    assert (row["started"], row["simulated"], row["package"]) == ("", True, "PID alone")
+    assert row["rig"] == log.metadata["rig_sha256"][:8]
+    drawn = flight_data(tmp_path / "bare.mcap", "bare.mcap")
+    assert (drawn["started"], drawn["simulated"]) == ("", True)
+    log.metadata |= {"rig_file": "heavy.toml", "package_file": "gru.onnx"}
+    log.metadata |= {"package_sha256": 16 * "01234567"}
+    log.write_mcap(tmp_path / "named.mcap")
+    row = row_of(tmp_path / "named.mcap")
+    assert row["rig"] == f"heavy.toml {log.metadata['rig_sha256'][:8]}"
+    assert row["package"] == "gru.onnx 01234567"
 
 
 def test_the_cache_is_asked_first_and_a_changed_file_is_read_again(folder, monkeypatch):
