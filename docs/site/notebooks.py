@@ -1,7 +1,7 @@
 """Tutorials as notebooks: the very text of the page, its commands and its Python as cells.
 
-`notebook(path)` makes one without outputs. Building the site puts one beside each of `TUTORIALS`, whose
-page names it. Only the site has it, so only there the name becomes a link.
+`notebook(path)` makes one without outputs. Building the site puts one beside each of `TUTORIALS`.
+Only the site has it, so only there its name in the page becomes a link.
 """
 
 import re

@@ -1,5 +1,6 @@
 """A user's system at the command line: a first file that runs, a log, a correction, bad input."""
 
+import itertools
 import json
 import shlex
 from pathlib import Path
@@ -217,6 +218,6 @@ def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdic
     told = next_commands(result, Path("robot.py"), measured, Path("columns.toml"), Path("gap"))
     words = shlex.split(told[-1])
     assert words[:3] == ["wakedeploy", "gap", step]
-    named = [after for word, after in zip(words, words[1:], strict=False) if word == "--measured"]
+    named = [after for word, after in itertools.pairwise(words) if word == "--measured"]
     assert named == logs
     assert words[words.index("--columns") + 1] == "columns.toml"
