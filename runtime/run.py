@@ -204,6 +204,8 @@ def _recorder(
         request.rig, package, seed=request.seed, started=started, simulated=request.is_virtual
     )
     known |= board.metadata
+    files = {"rig_file": request.rig_path, "package_file": request.package}
+    known |= {key: path.name for key, path in files.items() if path is not None}
     if request.reference is not None:
         known |= {"reference_sha256": sha256_of(request.reference.read_bytes())}
     if request.is_virtual:

@@ -35,8 +35,15 @@ def live(records: Records) -> Section:
         f"{len(pairs)} {'pair' if len(pairs) == 1 else 'pairs'}: one without `--live`, one with "
         f"{pages} pages open, in alternating order.",
         paragraphs(table(head, lines), text),
-        ("python -m benchmarks.live --json docs/records/live.json",),
+        (_command(result),),
     )
+
+
+def _command(result: Mapping[str, Any]) -> str:
+    """What makes such a record: the benchmark's own defaults may be others."""
+    asked = f"--pairs {len(result['pairs'])} --seconds {result['seconds']:g}"
+    asked += f" --logs {result['list']['logs']}"
+    return f"python -m benchmarks.live {asked} --json docs/records/{RECORD}"
 
 
 def _mean(pairs: list[Mapping[str, Any]], count: str, series: str, key: str) -> str:

@@ -1,6 +1,7 @@
 """Tutorials as notebooks: the very text of the page, its commands and its Python as cells.
 
 `notebook(path)` makes one without outputs. Building the site puts one beside each of `TUTORIALS`.
+Only the site has it, so only there its name in the page becomes a link.
 """
 
 import re
@@ -39,7 +40,22 @@ def _write(app: Sphinx, error: Any) -> None:
             (Path(app.outdir) / "tutorials" / f"{name}.ipynb").write_text(notebook(page), "utf-8")
 
 
+def linked(text: str, name: str) -> str:
+    """The text of a tutorial with a link to its notebook. ValueError where the page names none."""
+    file = f"{name}.ipynb"
+    if text.count(f"`{file}`") != 1:
+        raise ValueError(f"{name}.md: does not name its notebook, `{file}`, once.")
+    return text.replace(f"`{file}`", f'<a href="{file}" download>{file}</a>')
+
+
+def _link(app: Sphinx, page: str, source: list[str]) -> None:
+    folder, _, name = page.rpartition("/")
+    if app.builder.format == "html" and folder == "tutorials" and name in TUTORIALS:
+        source[0] = linked(source[0], name)
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """As Sphinx asks for an extension."""
+    app.connect("source-read", _link, priority=600)  # after `neighbours` has read the page
     app.connect("build-finished", _write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,12 +1,17 @@
 """A user's system at the command line: a first file that runs, a log, a correction, bad input."""
 
+import itertools
 import json
+import shlex
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli.gap import command
+from wakedeploy.cli.gap_system import next_commands
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.correction import Correction, Document, Named, write_correction
@@ -196,3 +201,23 @@ def test_a_share_that_is_not_the_whole_never_reads_as_the_whole():
     )
     assert "removes over 99 % of" in told[1]
     assert "100 %" not in told[1]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "step", "logs"),
+    [
+        ("named", "simulate", ["new.csv"]),  # a log that was searched would prove nothing
+        ("class", "close", ["a b.csv", "c.csv", "new.csv"]),
+        ("unknown", "check", ["a b.csv", "c.csv"]),
+        ("none", "power", ["a b.csv", "c.csv"]),
+    ],
+)
+def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdict, step, logs):
+    result = SimpleNamespace(verdict=verdict, moved={}, effects=["coulomb-friction@speed_mps"])
+    measured = (Path("a b.csv"), Path("c.csv"))
+    told = next_commands(result, Path("robot.py"), measured, Path("columns.toml"), Path("gap"))
+    words = shlex.split(told[-1])
+    assert words[:3] == ["wakedeploy", "gap", step]
+    named = [after for word, after in itertools.pairwise(words) if word == "--measured"]
+    assert named == logs
+    assert words[words.index("--columns") + 1] == "columns.toml"

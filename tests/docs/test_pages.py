@@ -10,7 +10,7 @@ from wakedeploy.rig.file import default_rig_text, parse_rig
 
 # The studies' own sentences are as the studies write them.
 WRITTEN = [page for page in PAGES if page.name != "studies.md" or page.parent.name != "results"]
-LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)")
+LINK = re.compile(r"(?:\]\(|\bhref=\")([^)#\s\"]*)(?:#([^)\s\"]*))?[)\"]")
 MOST_NUMBERS = 5  # of a paragraph
 
 

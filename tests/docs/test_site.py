@@ -6,6 +6,7 @@ import re
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from types import ModuleType
 
 import click
 import pytest
@@ -19,6 +20,14 @@ from wakedeploy.core.runlog_meanings import MEANINGS
 
 SITE = ROOT / "build" / "docs" / "html"
 built = pytest.mark.skipif(not (SITE / "index.html").exists(), reason="make docs builds the site")
+
+
+def extension(name: str) -> ModuleType:
+    """One of the site's own, which are no modules of a package."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "site" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 class Loaded(HTMLParser):
@@ -87,12 +96,25 @@ def test_every_field_of_a_package_has_a_meaning(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_link_out_of_the_manual_leads_to_the_page_that_stands_for_it(tmp_path: Path) -> None:
-    path = ROOT / "docs" / "site" / "neighbours.py"
-    spec = importlib.util.spec_from_file_location("neighbours", path)
-    neighbours = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(neighbours)
+    neighbours = extension("neighbours")
     page = ROOT / "docs" / "development" / "architecture.md"
     known = {ROOT / "CONTRIBUTING.md": page.with_name("contributing.md")}
     text = "[steps](CONTRIBUTING.md#checks), [licence](LICENSE), [records](docs/records/)"
     told = neighbours.relinked(text, ROOT / "ARCHITECTURE.md", page, known)
     assert told == "[steps](contributing.md#checks), licence, records"
+
+
+@pytest.mark.parametrize("name", extension("notebooks").TUTORIALS)
+def test_a_tutorial_names_its_notebook_and_the_site_links_it(name: str) -> None:
+    text = (ROOT / "docs" / "tutorials" / f"{name}.md").read_text("utf-8")
+    assert f'<a href="{name}.ipynb" download>' in extension("notebooks").linked(text, name)
+    assert "href=" not in text  # the checkout has no such file
+
+
+@built
+def test_every_notebook_that_the_site_links_is_there() -> None:
+    pages = [SITE / "tutorials" / f"{name}.html" for name in extension("notebooks").TUTORIALS]
+    for page in pages:
+        found = re.findall(r'href="([^"]+\.ipynb)"', page.read_text("utf-8"))
+        assert found == [f"{page.stem}.ipynb"]
+        assert (page.parent / found[0]).is_file()

@@ -7,6 +7,7 @@ import json
 import socket
 import subprocess
 import sys
+import threading
 import time
 from urllib.parse import urlsplit
 
@@ -44,6 +45,26 @@ def fed(feed, ticks, pause_s=0.0005):
             dropped = feed.dropped
             feed.put(row(tick))
             time.sleep(pause_s)
+
+
+@contextlib.contextmanager
+def flowing(feed, **values):
+    """Rows with these values, as from a loop that flies; a test changes what is yielded."""
+    over = threading.Event()
+
+    def flow():
+        tick = 0
+        while not over.wait(0.05):
+            feed.put(row(tick, **values))
+            tick += 1
+
+    loop = threading.Thread(target=flow)
+    loop.start()
+    try:
+        yield values
+    finally:
+        over.set()
+        loop.join()
 
 
 class Client:

@@ -74,6 +74,8 @@ def test_the_results_say_what_a_record_has():
 
     section = live(Records())
     assert "| computing, p99.9 | 1.50 | 1.50 | +0.10 ± 0.02 |" in section.body
+    (line,) = section.commands
+    assert "--pairs 1 --seconds 60 --logs 1000 " in line
     assert "3 rows were dropped" in section.body
     assert "1,000 flights in 31 s, once; from then on it lists them in 0.02 s" in section.body
 

@@ -7,12 +7,13 @@ import time
 import needs
 import pytest
 from browser import PHONE, chromium
-from pages import Client, begin, fed, row, slow_flight
+from pages import Client, begin, fed, flowing, slow_flight
 
 from wakedeploy.live.desk import HOLD_S
 from wakedeploy.live.process import live_views
 
 pytestmark = needs.chromium
+SIDEWAYS = (844, 390)  # a phone
 
 
 @pytest.fixture(scope="module")
@@ -91,11 +92,35 @@ def test_a_stop_that_nobody_answers_says_so(browser):
     with live_views("127.0.0.1:0") as page:
         begin(page.feed)
         browser.open(page.url)
-        fed(page.feed, range(40))
-        shows(browser, "mode-name", "Flying")
-        browser.script("wakedeploy.link.stop = () => {}")  # what is sent reaches nobody
-        browser.click("stop")
-        browser.until(lambda: "use the emergency stop" in browser.text("notice"))
+        with flowing(page.feed):
+            shows(browser, "mode-name", "Flying")
+            browser.script("wakedeploy.link.stop = () => {}")  # what is sent reaches nobody
+            browser.click("stop")
+            browser.until(lambda: "was not answered" in browser.text("notice"))
+
+
+def test_a_loop_that_does_not_act_on_stop_and_one_that_is_silent_are_told(browser):
+    is_grave = "return document.getElementById('notice').classList.contains('is-grave')"
+    with live_views("127.0.0.1:0") as page:
+        begin(page.feed)
+        browser.open(page.url)
+        with flowing(page.feed) as values:  # by a loop that does not look for STOP
+            shows(browser, "mode-name", "Flying")
+            browser.click("stop")
+            shows(browser, "stop", "STOP SENT")
+            assert "The sufferer comes down" not in browser.text("notice")
+            browser.until(lambda: "the loop has not answered: use" in browser.text("notice"))
+            assert browser.script(is_grave)
+            assert page.feed.stop_asked()
+            values |= {"mode": "FAILSAFE", "faults": "operator_stop"}
+            shows(browser, "stop", "STOPPED")
+            assert "The sufferer comes down" in browser.text("notice")
+            assert not browser.script(is_grave)
+        shows(browser, "mode-name", "No data")
+        assert browser.text("mode-more") == "last: Failsafe"
+        assert "what is shown is old" in browser.text("notice")
+        assert browser.script(is_grave)
+        assert "silent" in browser.text("link")
 
 
 def test_a_run_that_cannot_begin_says_why_and_nothing_of_a_log(browser):
@@ -117,10 +142,10 @@ def test_without_the_token_nothing_is_shown(browser, served):
     assert browser.text("z") == "–"
 
 
-@pytest.mark.parametrize("size", [PHONE, (768, 1024), (1440, 900)], ids=str)
+@pytest.mark.parametrize("size", [PHONE, SIDEWAYS, (667, 375), (768, 1024), (1440, 900)], ids=str)
 def test_stop_and_height_are_in_sight_and_nothing_hangs_over(browser, calm, size):
     browser.open(calm.url, size)
-    shows(browser, "mode-name", "Flying")
+    shows(browser, "z", "39")
     assert browser.script("return document.documentElement.scrollWidth") <= size[0]
     for scroll in (0, 400):
         browser.script("window.scrollTo(0, arguments[0])", scroll)
@@ -137,32 +162,35 @@ def test_stop_and_height_are_in_sight_and_nothing_hangs_over(browser, calm, size
         "const r = document.getElementById('stop').getBoundingClientRect();"
         "return [r.width, r.height]"
     )
-    assert wide > 200
+    assert wide > (200 if size[1] > 480 else 150)
     assert high >= 48  # a thumb
+    top = "return document.querySelector('.top').getBoundingClientRect().height"
+    assert browser.script(top) <= 0.25 * size[1]
 
 
-def test_nothing_moves_while_values_change(browser, calm):
+def test_nothing_moves_while_values_change(browser, served):
     places = (
         "const places = 'main > *, .top > *, .top dd, .facts dd, .columns > *';"
         "return [...document.querySelectorAll(places)].map((e) => e.getBoundingClientRect())"
         ".map((r) => [r.left, r.top, r.right, r.bottom])"
     )
-    browser.open(calm.url)
-    calm.feed.put(row(50, z_est_m=0.001))
-    shows(browser, "z", "1")
-    before = browser.script(places)
-    fed(calm.feed, range(51, 60))
-    calm.feed.put(row(60, z_est_m=1.0, z_ref_m=-0.1, battery_v=11.4, gap_score=0.3))
-    calm.feed.put(row(61, z_est_m=1.234, mode="DEGRADED", faults="late+doubted+range_bad"))
-    shows(browser, "z", "1234")
-    browser.until(lambda: browser.text("mode-name") == "PID alone")
-    assert browser.script(places) == before
+    browser.open(served.url)
+    with flowing(served.feed, z_est_m=0.001) as values:
+        shows(browser, "z", "1")
+        before = browser.script(places)
+        values |= {"z_est_m": 1.0, "z_ref_m": -0.1, "battery_v": 11.4, "gap_score": 0.3}
+        shows(browser, "z", "1000")
+        values |= {"z_est_m": 1.234, "z_ref_m": 0.4}
+        values |= {"mode": "DEGRADED", "faults": "late+doubted+range_bad"}
+        shows(browser, "z", "1234")
+        browser.until(lambda: browser.text("mode-name") == "PID alone")
+        assert browser.script(places) == before
 
 
 def test_the_keyboard_reaches_stop_first_and_shows_where_it_is(browser, served):
     browser.open(served.url)
     fed(served.feed, range(10))
-    shows(browser, "mode-name", "Flying")
+    shows(browser, "z", "9")
     browser.press("\ue004")  # Tab
     assert browser.script("return document.activeElement.id") == "stop"
     assert browser.script("return getComputedStyle(document.activeElement).outlineStyle") == "solid"

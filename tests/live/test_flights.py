@@ -24,7 +24,8 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.live import flights as module
 from wakedeploy.live.browse import Flights
 from wakedeploy.live.events import events_of
-from wakedeploy.live.flights import Index, cache_file
+from wakedeploy.live.flight_data import flight_data
+from wakedeploy.live.flights import Index, cache_file, row_of
 from wakedeploy.live.replay import Replay
 
 
@@ -77,7 +78,24 @@ def test_rows_are_what_log_show_says(folder):
     assert rows["flight1.mcap"]["seconds"] == pytest.approx(told.duration_s, abs=0.05)
     assert rows["below/<b>.mcap"]["faults"] == {"late": 2, "range_bad": 1}
     assert rows["below/<b>.mcap"]["gap"] == 1.7
+    assert rows["below/<b>.mcap"]["rig"] == ""  # the log does not say
     assert "is not an MCAP run log" in rows["broken.mcap"]["problem"]
+
+
+def test_a_row_names_rig_and_package_and_has_no_date_that_was_none(folder, tmp_path):
+    log = record(None, seconds=2, seed=0)
+    log.write_mcap(tmp_path / "bare.mcap")
+    row = row_of(tmp_path / "bare.mcap")
+    assert (row["started"], row["simulated"], row["package"]) == ("", True, "PID alone")
+    assert row["rig"] == log.metadata["rig_sha256"][:8]
+    drawn = flight_data(tmp_path / "bare.mcap", "bare.mcap")
+    assert (drawn["started"], drawn["simulated"]) == ("", True)
+    log.metadata |= {"rig_file": "heavy.toml", "package_file": "gru.onnx"}
+    log.metadata |= {"package_sha256": 16 * "01234567"}
+    log.write_mcap(tmp_path / "named.mcap")
+    row = row_of(tmp_path / "named.mcap")
+    assert row["rig"] == f"heavy.toml {log.metadata['rig_sha256'][:8]}"
+    assert row["package"] == "gru.onnx 01234567"
 
 
 def test_the_cache_is_asked_first_and_a_changed_file_is_read_again(folder, monkeypatch):
@@ -174,6 +192,12 @@ def names(browser):
     )
 
 
+def is_read(browser):
+    """Whether all four files are listed, and not by their names alone."""
+    shown = browser.text("rows") + browser.text("count")
+    return len(names(browser)) == 4 and "being read" not in shown and "reading" not in shown
+
+
 def draws(browser, name):
     browser.until(
         lambda: name in browser.script("return document.getElementById('view').textContent")
@@ -183,7 +207,7 @@ def draws(browser, name):
 @needs.chromium
 def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder, tmp_path):
     browser.open(served)
-    browser.until(lambda: len(names(browser)) == 4 and "reading" not in browser.text("count"))
+    browser.until(lambda: is_read(browser))
     assert names(browser)[0] == "below/<b>.mcap"  # the newest
     browser.click("only-faults")
     assert names(browser) == ["below/<b>.mcap"]
@@ -201,11 +225,7 @@ def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder,
     draws(browser, "below/<b>.mcap")
     browser.script("document.querySelector('[data-name=\"flight1.mcap\"] input').click()")
     draws(browser, "flight1.mcap")
-    edges = (
-        "return ['.u-over', '.view-line canvas'].map((one) => document.querySelector(one)"
-        ".getBoundingClientRect()).map((r) => [r.left, r.right])"
-    )
-    browser.until(lambda: np.ptp(browser.script(edges), axis=0).max() < 1.0)  # one axis of time
+    browser.until(lambda: np.ptp(browser.script(EDGES), axis=0).max() < 1.0)  # one axis of time
     what = "return document.querySelector('.what').textContent"
     assert browser.script(what) == "3 faults."
     browser.script("document.querySelectorAll('.steps button')[1].click()")
@@ -226,6 +246,30 @@ def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder,
     draws(browser, "below/<b>.mcap")
     browser.until(lambda: browser.script("return document.querySelectorAll('.uplot').length") >= 3)
     assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
+
+
+EDGES = (
+    "return ['.u-over', '.view-line canvas'].map((one) => document.querySelector(one)"
+    ".getBoundingClientRect()).map((r) => [r.left, r.right])"
+)
+
+
+def fits(browser, width):
+    """Whether strips and band end at the same places, and fill the window without leaving it."""
+    edges = np.array(browser.script(EDGES))
+    overflow = browser.script("return document.documentElement.scrollWidth") - width
+    return np.ptp(edges, axis=0).max() < 1.0 and edges[0, 1] > 0.8 * width and overflow <= 0
+
+
+@needs.chromium
+def test_the_band_of_modes_follows_the_strips_when_the_window_changes(browser, served):
+    browser.open(served)
+    browser.until(lambda: is_read(browser))
+    browser.script("document.querySelector('[data-name=\"flight1.mcap\"]').click()")
+    draws(browser, "flight1.mcap")
+    for size in (PHONE, (1000, 700), PHONE):
+        browser.size(*size)
+        browser.until(lambda size=size: fits(browser, size[0]))
 
 
 @needs.chromium

@@ -114,7 +114,7 @@ def test_a_word_serves_once_and_a_wrong_one_never(desk):
 def test_nothing_is_begun_after_a_stop_or_without_a_standby(desk):
     word = desk.ask(10.0)
     desk.arm_file.touch()  # somebody else's
-    desk.stop("pressed")
+    desk.stop("pressed", 10.5)
     assert not desk.arm_file.exists()
     assert desk.confirm(word, "me", 11.0) != ""
     assert desk.ask(20.0) is None

@@ -121,6 +121,7 @@ def test_ctrl_c_lands_closes_the_log_and_says_130_in_little_memory(rig_file, tmp
     recorded = read_run_log(log)
     assert recorded["mode"][-1] == "FAILSAFE"
     assert recorded["sufferer_cmd_us"][-1] == recorded["source_cmd_us"][-1] == 1000.0
+    assert recorded.metadata["rig_file"] == rig_file.name
     assert "unfinished" not in recorded.metadata
 
 

@@ -196,9 +196,7 @@ def run_steps(
             artefact: Artefact = run(folder, step)
             if isinstance(artefact, Result):
                 progress("drawing the report")
-                asked = [f"--measured {shlex.quote(str(path))}" for path in measured]
-                asked += [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
-                after = _next(artefact, system_path, " ".join(asked), out)
+                after = next_commands(artefact, system_path, measured, columns, out)
                 said = [each.strip() for each in sentences(artefact)]
                 page = write_page(artefact, out, said=said, next_commands=after)
         except KeyboardInterrupt:
@@ -218,19 +216,31 @@ def run_steps(
         artefact.write(json_path)
 
 
-def _next(result: "Result", system_path: Path, logs: str, out: Path) -> list[str]:
-    """Replay what was named; plan what tells a class apart; else see what these logs show."""
-    from wakedeploy.gap.systems.own_folder import CORRECTION
+def next_commands(
+    result: "Result", system_path: Path, measured: tuple[Path, ...], columns: Path | None, out: Path
+) -> list[str]:
+    """Replay a further log; plan what tells a class apart; else see what these logs show.
 
-    system = shlex.quote(str(system_path))
+    The further log is not there yet: its name stands for it.
+    """
+    from wakedeploy.gap.systems.own_folder import CORRECTION
+    from wakedeploy.gap.systems.words import FURTHER_LOG
+
+    system, folder = shlex.quote(str(system_path)), shlex.quote(str(out))
+    searched = [f"--measured {shlex.quote(str(path))}" for path in measured]
+    further = f"--measured {shlex.quote(FURTHER_LOG + measured[0].suffix)}"
+    by = [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
+    logs = " ".join(searched + by)
     if result.verdict == "none" and not result.moved:
         return [f"wakedeploy gap power --system {system} {logs}"]
     if result.verdict == "unknown" or result.moved or not result.effects:
         return [f"wakedeploy gap check {system} {logs}"]
-    correction = shlex.quote(str(out / CORRECTION))
-    replay = f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"
     if result.verdict != "class":
-        return [replay]
-    folder = shlex.quote(str(out))
-    plan = f"wakedeploy gap plan --system {system} {logs} --out {folder} --write-input next.csv"
-    return [plan, replay]
+        correction = shlex.quote(str(out / CORRECTION))
+        replayed = " ".join([further, *by])
+        return [f"wakedeploy gap simulate --system {system} {replayed} --correction {correction}"]
+    all_logs = " ".join([*searched, further, *by])
+    return [
+        f"wakedeploy gap plan --system {system} {logs} --out {folder} --write-input next.csv",
+        f"wakedeploy gap close --system {system} {all_logs} --out {folder}",
+    ]

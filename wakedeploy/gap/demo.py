@@ -120,6 +120,7 @@ def fly_measured(logs: Sequence[Path], size: Size, workers: int, steps: Steps = 
 def _measured(job: tuple[Path, float, int]) -> None:
     path, seconds, index = job
     log = record(world_rig(), seconds=seconds, seed=_FIRST_SEED + index, model_rig=believed_rig())
+    log.metadata["rig_file"] = "rig.toml"  # as beside the flights
     log.without_truth().write_mcap(path)
 
 

@@ -10,6 +10,7 @@ from wakedeploy.core.failsafes import hints
 from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import read_run_log
 from wakedeploy.live.events import events_of
+from wakedeploy.live.flights import started
 from wakedeploy.live.replay import log_rows, rig_of_log
 from wakedeploy.live.rows import COLUMNS, rounded
 
@@ -34,7 +35,8 @@ def flight_data(path: Path, name: str) -> dict[str, Any]:
         "events": events_of(log),
         "hints": hints(is_virtual=log.metadata.get("simulated") == "true"),
         "rig": rig_view(rig),
-        "started": log.metadata.get("started_utc", ""),
+        "started": started(log.metadata),
+        "simulated": log.metadata.get("simulated") == "true",
         "tracking_mm": rounded(1e3 * summary.tracking_rmse_m, 2),
         "notes": list(summary.notes),
         "every": step,

@@ -10,7 +10,7 @@ import math
 import os
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from wakedeploy.core.processes import default_workers, pool
 from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import RunLog, read_run_log
 
-VERSION = 1  # of a row; another one makes the cache worthless
+VERSION = 2  # of a row; another one makes the cache worthless
 FEW = 8  # logs that are read here; for more, other processes help
 _KEPT_EACH = 100  # logs, after which what was read survives the program's end
 _AT_ONCE = 16  # logs for a process at a time
@@ -89,9 +89,9 @@ def _row(log: RunLog) -> Row:
     scores = log.columns.get("gap_score", np.empty(0))
     finite = scores[np.isfinite(scores)]
     return {
-        "started": known.get("started_utc", ""),
-        "rig": known.get("rig_sha256", "")[:8],
-        "package": known.get("package_sha256", "")[:8],
+        "started": started(known),
+        "rig": _named(known, "rig"),
+        "package": _named(known, "package"),
         "simulated": known.get("simulated") == "true",
         "seconds": _number(summary.duration_s, 1),
         "tracking_mm": _number(1e3 * summary.tracking_rmse_m, 2),
@@ -102,6 +102,25 @@ def _row(log: RunLog) -> Row:
         "gap": _number(float(finite.max()), 3) if len(finite) else None,
         "unfinished": "unfinished" in known,
     }
+
+
+def started(known: Mapping[str, str]) -> str:
+    """When a log was flown; "" where it was at no time of day.
+
+    A simulated flight whose seed alone makes its log has the first second of 1970.
+    """
+    date = known.get("started_utc", "")
+    return "" if date.startswith("1970-01-01") else date
+
+
+def _named(known: Mapping[str, str], what: str) -> str:
+    """The file of a rig or a package as far as the log has its name, and the start of its hash."""
+    digest = known.get(f"{what}_sha256")
+    if digest is None:
+        return ""
+    if not digest:
+        return "PID alone"
+    return f"{known.get(f'{what}_file', '')} {digest[:8]}".strip()
 
 
 def _onsets(log: RunLog) -> dict[str, int]:

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from wakedeploy.live.foxglove import FoxgloveView
 
 MOST_BYTES = 64 << 10  # of one datagram
+SILENT_S = 1.0  # without a row in flight, 32 ticks
+_WAY_DOWN = ("LANDING", "FAILSAFE")
 LAST_WORD_S = 1.0  # in which pages get what came last
 _NICE = 10
 
@@ -49,6 +51,7 @@ class FlightServer(PageServer):
         self._events = Events()
         self.is_over = False
         self.desk = Desk(self._say)
+        self._row_s: float | None = None  # when the newest row of this flight came
         self.hub.news(kind="flight", phase="starting", hints=HINTS, arm=False, held=False)
 
     def _say(self, word: bytes) -> None:
@@ -78,6 +81,9 @@ class FlightServer(PageServer):
 
     def _see(self, row: dict[str, Any]) -> None:
         """One tick."""
+        self._row_s = time.monotonic()
+        if row["mode"] in _WAY_DOWN or "operator_stop" in row["faults"].split("+"):
+            self.desk.acted()
         self.hub.add(page_row(row))
         if self._foxglove is not None:
             self._foxglove.put(row)
@@ -90,14 +96,17 @@ class FlightServer(PageServer):
             self.desk.arm_file = Path(news.pop("arm_file"))
         else:
             self.desk.arm_file = None
+        self._row_s = None
         if news["phase"] == "ended":
             self.desk.release()
+            self.desk.acted()
         self.hub.news(**news)
         self._tell_desk()
 
     def _end_of_run(self) -> None:
         self.is_over = True
-        self.desk.arm_file = None
+        self.desk.arm_file = self._row_s = None
+        self.desk.acted()
         if self.hub.state["phase"] != "ended":
             self.hub.news(phase="ended", ended="the program ended")
         self._tell_desk()
@@ -105,10 +114,14 @@ class FlightServer(PageServer):
     def _tell_desk(self) -> None:
         desk = self.desk
         can_arm = desk.arm_file is not None and not desk.stopped
-        self.hub.news(arm=can_arm, stopped=desk.stopped, held=desk.is_held)
+        now_s = time.monotonic()
+        self.hub.news(
+            arm=can_arm, stopped=desk.stopped, stop=desk.answer(now_s), held=desk.is_held,
+            silent=self._row_s is not None and now_s - self._row_s > SILENT_S,
+        )  # fmt: skip
 
     def look(self) -> None:
-        """Whether the page that watches is still there."""
+        """Whether the page that watches is still there, and the loop."""
         self.desk.look(time.monotonic())
         self._tell_desk()
 
@@ -139,7 +152,7 @@ class FlightServer(PageServer):
 
     def stop(self) -> None:
         """The way down, from a page."""
-        self.desk.stop("STOP was pressed on a page")
+        self.desk.stop("STOP was pressed on a page", time.monotonic())
         self._tell_desk()
 
 

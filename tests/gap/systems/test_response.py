@@ -14,7 +14,7 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, read
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.response import ResponseModel, covariance, scored
-from wakedeploy.gap.systems.words import sentences
+from wakedeploy.gap.systems.words import FURTHER_LOG, sentences
 from wakedeploy.gap.wording import quantity
 from wakedeploy.gap.workflow import concluded, run
 
@@ -126,6 +126,7 @@ def test_an_answer_begins_with_whether_it_matters_how_sure_it_is_and_what_next(b
         assert line.startswith(question)
     assert all(quantity(value, "m") in first[1] for value in (error.before, error.after))
     assert "bear it out" in first[2]
+    assert f"that log is called {FURTHER_LOG}." in first[3]
     doubted = sentences(result.model_copy(update={"sealed_gain_nats": -1.0}))
     assert "do not confirm it" in doubted[2]
     open_ended = {"verdict": "unknown", "effects": [], "rounds": []}

@@ -16,6 +16,7 @@ from wakedeploy.gap.wording import (
     quantity,
 )
 
+FURTHER_LOG = "new"  # stands in commands for a log that was not searched
 _MOST_PLACES, _MOST_RANKED = 6, 5
 
 
@@ -121,9 +122,15 @@ def _next(result: Result) -> str:
     if result.moved:
         return "Check those constants and units before anything else."
     if result.verdict == "class":
-        return "Record the input that tells them apart, and ask again with that log, too."
+        return (
+            "Record the input that tells them apart, and ask again with that log, too. In the "
+            f"commands below it is called {FURTHER_LOG}."
+        )
     if result.effects and result.verdict == "named":
-        return "Replay a log that took no part with the correction, then use the corrected system."
+        return (
+            "Replay a log that took no part with the correction, then use the corrected system. In "
+            f"the command below that log is called {FURTHER_LOG}."
+        )
     if result.is_outdone:
         return "Check equations, units and signs: see what each constant moves."
     if result.verdict == "unknown":

@@ -7,7 +7,8 @@ const $ = (id) => document.getElementById(id);
 const LATER_MS = 1000;
 
 const number = (digits) => (value) => (value === null || value === undefined ? "–" : value.toFixed(digits));
-const date = (value) => (value ? value.slice(0, 16).replace("T", " ") : "–");
+// A simulated flight may have been at no time of day.
+const date = (value, row) => (value ? value.slice(0, 16).replace("T", " ") : row.simulated ? "simulated" : "–");
 // Those that are extra a phone has no room for.
 const COLUMNS = [
   { key: "started", name: "Date, UTC", shown: date },
@@ -17,7 +18,7 @@ const COLUMNS = [
   { key: "gap", extra: true, name: "Gap score", kind: "number", shown: number(2), bad: (row) => row.gap > 1 },
   { key: "fault_count", name: "Faults", kind: "faults", shown: (_, row) => faults(row), bad: (row) => Boolean(row.failsafe || row.problem) },
   { key: "seconds", extra: true, name: "Length [s]", kind: "number", shown: number(0) },
-  { key: "package", extra: true, name: "Package", shown: (value, row) => value || (row.started ? "PID" : "–") },
+  { key: "package", extra: true, name: "Package", shown: (value) => value || "–" },
   { key: "rig", extra: true, name: "Rig", shown: (value) => value || "–" },
 ];
 

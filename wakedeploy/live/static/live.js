@@ -19,7 +19,9 @@ let rows = { t_s: [] }; // one array per column; the first frame says which ther
 let state = {};
 let armWord = null;
 let holdsFlight = false;
-let stopAsked = 0;
+let stopAsked = 0; // when STOP was pressed here, until the server has heard of it
+let isUnheard = false; // STOP was pressed, and the server has not answered
+let linkWord = "";
 let beatAt = 0;
 
 const narrow = () => matchMedia("(max-width: 760px)").matches;
@@ -113,7 +115,10 @@ function heard(news) {
   $("force-legend").textContent = replays ? "smoothed from the range samples" : "measured";
   if (!state.arm && $("arm-dialog").open && state.phase === "standby") $("arm-dialog").close();
   if (state.phase === "ended") holdsFlight = false;
+  if (state.stopped) [stopAsked, isUnheard] = [0, false];
   tellStop();
+  tellNotice();
+  tellLink();
   if (replays) tellPlayer();
   tellAbout();
 }
@@ -136,19 +141,30 @@ function recording() {
 function tellStop() {
   const button = $("stop");
   const over = state.phase === "ended";
-  button.disabled = over || Boolean(state.stopped);
-  button.textContent = over ? "ENDED" : state.stopped ? "STOPPED" : "STOP";
-  if (state.stopped) stopAsked = 0;
-  if (over) {
-    const why = state.stopped ? ` (${state.stopped})` : "";
-    const how = state.reason ?? `${state.ended}${why}.`;
-    notice(`The run has ended: ${how} What was flown stays here until this page is closed.`);
-  } else if (state.stopped) {
-    notice(`Stopped: ${state.stopped}. The sufferer comes down. It stays stopped for this run.`);
-  }
+  const acts = state.stop === "acted on";
+  button.disabled = over || acts;
+  button.textContent = over ? "ENDED" : acts ? "STOPPED" : state.stop ? "STOP SENT" : "STOP";
 }
 
-function notice(text, grave = false) {
+// What a person has to know now, the most urgent first; whether it is in red.
+function urgent() {
+  if (linkWord === "token") return [WORDS.token, true];
+  if (state.phase === "ended") {
+    const why = state.stopped ? ` (${state.stopped})` : "";
+    const how = state.reason ?? `${state.ended}${why}.`;
+    return [`The run has ended: ${how} What was flown stays here until this page is closed.`, false];
+  }
+  if (linkWord === "lost") return state.kind === "replay" ? [WORDS.over, false] : [WORDS.lost, state.kind === "flight"];
+  if (isUnheard) return [WORDS.unheard, true];
+  if (state.stop === "unanswered") return [WORDS.unanswered, true];
+  if (state.silent) return [WORDS.silent, true];
+  if (state.stop === "sent") return [`STOP sent: ${state.stopped}. The loop has not answered yet.`, false];
+  if (state.stop) return [`Stopped: ${state.stopped}. The sufferer comes down. It stays stopped for this run.`, false];
+  return ["", false];
+}
+
+function tellNotice() {
+  const [text, grave] = urgent();
   const place = $("notice");
   place.hidden = !text;
   if (place.textContent !== text) place.textContent = text;
@@ -157,10 +173,11 @@ function notice(text, grave = false) {
 
 function stop() {
   if (state.kind !== "flight" || $("stop").disabled) return;
-  stopAsked = performance.now();
+  if (!state.stopped) stopAsked = performance.now();
   link.stop();
   setTimeout(() => {
-    if (stopAsked) notice("STOP was not answered: use the emergency stop.", true);
+    isUnheard = Boolean(stopAsked);
+    tellNotice();
   }, NO_ANSWER_MS);
 }
 
@@ -196,13 +213,13 @@ function tellLine(now) {
 const PHASES = { starting: "Starting", standby: "Standing by", "about to fly": "About to fly", ended: "Ended" };
 
 function tellMode(now) {
-  const flies = now && (state.phase === "flying" || state.phase === "replay");
+  const flies = now && !state.silent && (state.phase === "flying" || state.phase === "replay");
   const mode = flies ? now.mode : "";
-  const name = mode ? modeName(mode) : PHASES[state.phase] ?? "Connecting";
+  const name = state.silent ? "No data" : mode ? modeName(mode) : PHASES[state.phase] ?? "Connecting";
   $("mode").dataset.mode = state.phase === "ended" ? "DISARMED" : mode;
   if ($("mode-name").textContent !== name) $("mode-name").textContent = name;
   const faults = (flies && now.faults) || "";
-  const more = faults ? faults.split("+").map((one) => one.replaceAll("_", " ")).join(", ") : (mode && mode !== name ? mode : state.ended ?? "");
+  const more = state.silent ? `last: ${modeName(now?.mode ?? "")}` : faults ? faults.split("+").map((one) => one.replaceAll("_", " ")).join(", ") : (mode && mode !== name ? mode : state.ended ?? "");
   $("mode-more").textContent = more || "\u00a0";
 }
 
@@ -309,19 +326,26 @@ document.addEventListener("keydown", (event) => {
 });
 
 const WORDS = {
-  live: "",
+  over: "The program that replays has ended, or is out of reach.",
+  unheard: "STOP was not answered: use the emergency stop.",
+  unanswered: "STOP was sent, and the loop has not answered: use the emergency stop. STOP is sent again every second.",
+  silent: "The loop has sent nothing for more than a second: what is shown is old. If the sufferer does not come down, use the emergency stop.",
   lost: "The connection to the loop is lost; trying again. STOP here reaches nobody: use the emergency stop.",
   token: "The token is missing or wrong: open the address that the program printed, with what stands behind the #.",
 };
 
+const LINKS = { live: "connected", lost: "connection lost", ended: "the run has ended", token: "no token" };
+
+function tellLink() {
+  const isSilent = state.silent && linkWord === "live";
+  $("link").textContent = isSilent ? "connected; the loop is silent" : LINKS[linkWord];
+}
+
 function changed(word) {
-  $("link").textContent = { live: "connected", lost: "connection lost", ended: "the run has ended", token: "no token" }[word];
+  linkWord = word;
   document.body.dataset.link = word;
-  if (word === "live") {
-    if (!state.stopped && state.phase !== "ended" && !stopAsked) notice("");
-  } else if (word === "lost" && state.phase !== "ended") {
-    notice(state.kind === "replay" ? "The program that replays has ended, or is out of reach." : WORDS.lost, state.kind === "flight");
-  } else if (word === "token") notice(WORDS.token, true);
+  tellLink();
+  tellNotice();
   if (word === "token") $("mode-name").textContent = "No token";
 }
 

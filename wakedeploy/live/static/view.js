@@ -63,7 +63,8 @@ export class FlightView {
   names() {
     const told = this.flights.map((one) => {
       const error = one.tracking_mm === null ? "not flown under control" : `tracking RMSE ${one.tracking_mm.toFixed(1)} mm`;
-      const more = [one.started.replace("T", " ").replace("+00:00", " UTC"), error, ...one.notes];
+      const date = one.started ? one.started.replace("T", " ").replace("+00:00", " UTC") : one.simulated ? "simulated" : "";
+      const more = [date, error, ...one.notes];
       if (one.every > 1) more.push(`every ${one.every}. tick drawn`);
       return element("li", {}, element("b", { textContent: one.name }), element("span", { className: "soft", textContent: more.filter(Boolean).join(" · ") }));
     });
@@ -93,6 +94,7 @@ export class FlightView {
         axes: chartAxes((v) => `${+v.toFixed(6)}`),
         series: [{}, ...series],
         hooks: {
+          setSize: [(plot) => plot === this.plots?.[0] && this.line()], // only now it has its new size
           setCursor: [(plot) => (values.textContent = this.values(plot, strip))],
           setScale: [(plot, key) => key === "x" && this.zoomed(plot)],
         },
@@ -188,6 +190,5 @@ export class FlightView {
   resize() {
     const width = Math.max(this.root.clientWidth, 200);
     this.plots?.forEach((plot) => plot.width !== width && plot.setSize({ width, height: plot.height }));
-    if (this.band) this.line();
   }
 }
