@@ -1,6 +1,7 @@
 """Keep what a `wakedeploy` command wrote as records, with day and commit.
 
     python -m benchmarks.keep table runs.json training      # a table of `train --json`
+    python -m benchmarks.keep demo demo                     # a folder of `demo`, picture too
     python -m benchmarks.keep study study/shift             # a study's folder
     python -m benchmarks.keep gap-demo gap-demo             # folders of `gap demo`,
     python -m benchmarks.keep gap-domain runs/motor         # and `gap domain`
@@ -42,6 +43,12 @@ def _options() -> argparse.Namespace:
 def table(source: Path, name: str) -> None:
     """A table that a command wrote by `--json`."""
     _keep(name, source)
+
+
+def demo(source: Path) -> None:
+    """The demo's result and its picture, which are of the same flights."""
+    _keep("demo", source / "result.json")
+    shutil.copyfile(source / "demo.png", records.FIGURES / "demo.png")
 
 
 def study(source: Path) -> None:
@@ -103,6 +110,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 KINDS = {
     "table": table,
+    "demo": demo,
     "study": study,
     "gap-demo": gap_demo,
     "gap-domain": gap_domain,

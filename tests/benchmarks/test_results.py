@@ -99,6 +99,22 @@ def test_a_study_s_folder_replaces_its_record_and_the_tables_that_are_kept(
     assert list(reader.stamps()) == [(told["measured"], "abc")]
 
 
+def test_the_demo_s_record_and_its_picture_are_kept_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, pictures, made = (tmp_path / name for name in ("records", "figures", "demo"))
+    for folder in (kept, pictures, made):
+        folder.mkdir()
+    monkeypatch.setattr(records, "FOLDER", kept)
+    monkeypatch.setattr(records, "FIGURES", pictures)
+    result = json.loads((records.ROOT / "docs" / "records" / "demo.json").read_text())
+    (made / "result.json").write_text(json.dumps(result | {"minutes": 3.0}))
+    (made / "demo.png").write_bytes(b"picture")
+    keep.demo(made)
+    assert (pictures / "demo.png").read_bytes() == b"picture"
+    assert "learned from 3 minutes" in flight.demo(Records(kept)).measured
+
+
 def test_what_a_recording_contains_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
