@@ -3,6 +3,7 @@
     python -m benchmarks.keep table runs.json training      # a table of `train --json`
     python -m benchmarks.keep demo demo                     # a folder of `demo`, picture too
     python -m benchmarks.keep study study/shift             # a study's folder
+    python -m benchmarks.keep faults faults.json faults-earlier   # the counts of `benchmarks.faults`
     python -m benchmarks.keep gap-demo gap-demo             # folders of `gap demo`,
     python -m benchmarks.keep gap-domain runs/motor         # and `gap domain`
     python -m benchmarks.keep gap-benchmark gap-benchmark   # what `benchmarks.hidden_effects` wrote
@@ -22,6 +23,8 @@ from typing import Any
 from benchmarks import records
 from wakedeploy.core.files import write_text_whole
 
+COUNTS = ("fault", "group", "survivable", "flights", "unsafe", "unsafe_above_1_5_mps")
+
 
 def main() -> None:
     """Read, stamp, write."""
@@ -35,7 +38,7 @@ def _options() -> argparse.Namespace:
     for kind in KINDS:
         subparser = kinds.add_parser(kind)
         subparser.add_argument("source", type=Path)
-        if kind == "table":
+        if kind in ("table", "faults"):
             subparser.add_argument("name", help="the record's name")
     return parser.parse_args()
 
@@ -59,6 +62,16 @@ def study(source: Path) -> None:
             target = folder / f"study-{path.name}"
             if target.exists():
                 shutil.copyfile(path, target)
+
+
+def faults(source: Path, name: str) -> None:
+    """A campaign's counts without its flights: of an earlier loop no more is shown."""
+    result = _read(source)
+    for plant in ("exact", "mismatched"):
+        rows = result[plant]["faults"]
+        result[plant] = {"faults": [{key: row[key] for key in COUNTS} for row in rows]}
+    result.pop("unsafe_flights", None)  # the head of the table of flights
+    _write(name, source, result)
 
 
 def gap_demo(source: Path) -> None:
@@ -112,6 +125,7 @@ KINDS = {
     "table": table,
     "demo": demo,
     "study": study,
+    "faults": faults,
     "gap-demo": gap_demo,
     "gap-domain": gap_domain,
     "gap-benchmark": gap_benchmark,
