@@ -3,7 +3,7 @@
     python -m benchmarks.keep table runs.json training      # a table of `train --json`
     python -m benchmarks.keep demo demo                     # a folder of `demo`, picture too
     python -m benchmarks.keep study study/shift             # a study's folder
-    python -m benchmarks.keep faults faults.json faults-earlier   # the counts of `benchmarks.faults`
+    python -m benchmarks.keep faults faults.json faults-earlier   # counts of `benchmarks.faults`
     python -m benchmarks.keep gap-demo gap-demo             # folders of `gap demo`,
     python -m benchmarks.keep gap-domain runs/motor         # and `gap domain`
     python -m benchmarks.keep gap-benchmark gap-benchmark   # what `benchmarks.hidden_effects` wrote

@@ -31,6 +31,7 @@ def test_no_record_is_unused_and_there_is_nothing_but_records(pages: Pages) -> N
     assert {Path(name).suffix for name in present} <= KINDS
     manuals = {path.suffix for path in (records.ROOT / "docs").iterdir() if path.is_file()}
     assert manuals == {".md"}
+    assert {path.suffix for path in records.FIGURES.iterdir()} == {".png", ".svg"}
 
 
 def test_every_section_states_when_and_at_which_commit_its_record_was_made(pages: Pages) -> None:
