@@ -1,4 +1,4 @@
-"""Keep what a `wakedeploy` command wrote as records, with day and commit.
+"""Keep what a `wakedeploy` command wrote as records, with day, commit and machine.
 
     python -m benchmarks.keep table runs.json training      # a table of `train --json`
     python -m benchmarks.keep demo demo                     # a folder of `demo`, picture too
@@ -8,9 +8,9 @@
     python -m benchmarks.keep gap-domain runs/motor         # and `gap domain`
     python -m benchmarks.keep gap-benchmark gap-benchmark   # what `benchmarks.hidden_effects` wrote
 
-The day is the one on which the command wrote its result. The commit is the one that the result
-states, else the present one. Of a study's tables and pictures those are kept that pages show. What
-a recording itself contains is left out: records hold results.
+The day is the one on which the command wrote its result, on this machine. The commit is the one
+that the result states, else the present one. Of a study's tables and pictures those are kept that
+pages show. What a recording itself contains is left out: records hold results.
 """
 
 import argparse
@@ -108,7 +108,9 @@ def _keep(name: str, source: Path) -> None:
 
 
 def _write(name: str, source: Path, result: dict[str, Any]) -> None:
-    records.write(records.FOLDER / f"{name}.json", {"measured": _day(source)} | result)
+    if "measured" not in result:
+        result = {"measured": _day(source), "machine": records.machine()} | result
+    records.write(records.FOLDER / f"{name}.json", result)
 
 
 def _day(source: Path) -> str:

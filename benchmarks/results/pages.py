@@ -169,12 +169,16 @@ class Pages:
         """When and at which commit the records of a section were made."""
         self.used |= set(read.read)
         sources = [
-            f"measured {day} at {_commits(commit)}: "
+            f"measured {stamp.day} at {_commits(stamp.commit)}{_on(stamp.machine)}: "
             + ", ".join(f"[{name}]({place}/{name})" for name in names)
-            for (day, commit), names in read.stamps().items()
+            for stamp, names in read.stamps().items()
         ]
         return "Records " + "; ".join(sources) + "."
 
 
 def _commits(commit: str) -> str:
     return ", ".join(f"`{revision}`" for revision in commit.split(", ")) if commit else "no commit"
+
+
+def _on(machine: str) -> str:
+    return f" on {machine}" if machine else ""

@@ -41,7 +41,8 @@ def test_every_section_states_when_and_at_which_commit_its_record_was_made(pages
     for section in sections:
         (line,) = re.findall(r"^Records (measured .*)$", section, re.MULTILINE)
         for told in line.split("; "):
-            assert re.match(rf"measured {DAY}(, {DAY})* at {COMMIT}(, {COMMIT})*: ", told), told
+            form = rf"measured {DAY}(, {DAY})* at {COMMIT}(, {COMMIT})*( on [^:]+)?: "
+            assert re.match(form, told), told
         assert "```\n" in section
 
 
@@ -74,6 +75,7 @@ def test_a_record_keeps_its_day_and_commit_or_gets_those_of_now(tmp_path: Path) 
     told = json.loads(path.read_text())
     assert re.fullmatch(r"20\d\d-\d\d-\d\d", told["measured"])
     assert told["commit"] == records.COMMIT
+    assert re.fullmatch(r"\d+ cores, \S.*", told["machine"])
     records.write(path, {"measured": "2020-01-02", "commit": "abc", "rows": [1]})
     assert json.loads(path.read_text()) == {"measured": "2020-01-02", "commit": "abc", "rows": [1]}
 
@@ -97,7 +99,7 @@ def test_a_study_s_folder_replaces_its_record_and_the_tables_that_are_kept(
     assert not (kept / "study-lead-flights.csv").exists()
     reader = Records(kept)
     reader.rows("study-lead.csv")
-    assert list(reader.stamps()) == [(told["measured"], "abc")]
+    assert list(reader.stamps()) == [(told["measured"], "abc", records.machine())]
 
 
 def test_the_demo_s_record_and_its_picture_are_kept_together(
