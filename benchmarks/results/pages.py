@@ -26,6 +26,7 @@ from benchmarks.results import (
     simulators,
     so101,
     studies,
+    study_claims,
     tutorials,
 )
 from benchmarks.results.section import Records, Section, paragraphs
@@ -108,7 +109,7 @@ def estimates(read: Records) -> str:
 DETAILS: dict[str, Callable[[Records], str]] = {
     "gap-benchmark.md": hidden_effects,
     "gap-domains.md": gap_domains.page,
-    "studies.md": studies.page,
+    "studies.md": study_claims.page,
     "tuned.md": tuned_shapes,
     "downwash-estimates.md": estimates,
     "faults.md": faults.page,

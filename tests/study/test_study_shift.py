@@ -58,7 +58,7 @@ def test_an_order_within_the_noise_is_left_open() -> None:
     assert found.turned == 0
     assert found.low < found.tau < found.high
     text = sentence(told(0.0, **close), [first, other], "gru")
-    assert "at ±50 % it cannot be told" in text
+    assert "at ±50 % it is not clear" in text
     assert "4 of 4 models with memory track clearly better" in text  # of that they are sure
     few = [Shifted(one.spread, tuple(Tracked(x.name, x.rms_m[:, :4]) for x in one.lines))
            for one in (first, other)]  # fmt: skip
