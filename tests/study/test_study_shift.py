@@ -44,7 +44,7 @@ def test_orders_agree_as_pairs_do() -> None:
     assert "at ±75 % it is number 2 of 4 and reaches 70 %" in text
     assert "at ±50 % it stays (Kendall's τ = 1.00 [1.00, 1.00]; of the 6 of 6 pairs" in text
     assert "at ±75 % it does not stay (Kendall's τ = 0.67 [0.67, 0.67]; of the 6 of 6 pairs that" \
-        " the flights tell apart at both, 1 change places)" in text  # fmt: skip
+        " the flights separate at both, 1 change places)" in text  # fmt: skip
     assert text.count("3 of 3 models with memory track clearly better") == 3
     worse = sentence(nominal, [first, turned], "gru")
     assert "at ±75 % 0 of 3 models with memory track clearly better than agile-mlp and 3" in worse
