@@ -11,6 +11,7 @@ from benchmarks.results import (
     compiled,
     effects,
     faults,
+    first_minutes,
     flight,
     flown,
     gap,
@@ -34,6 +35,7 @@ from benchmarks.results.section import Records, Section, paragraphs
 SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
     "In flight": (
         flight.demo,
+        first_minutes.first_minutes,
         flight.tracking,
         flight.latency,
         flight.endings,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import keep, records, tuned
-from benchmarks.results import flight, readme
+from benchmarks.results import first_minutes, flight, readme
 from benchmarks.results.pages import SECTIONS, Pages
 from benchmarks.results.section import Records
 
@@ -154,3 +154,15 @@ def test_pictures_of_tuning_show_what_was_tuned_and_no_empty_panels() -> None:
     titles = [axes.get_title(loc="left") for axes in drawn.axes if axes.axison]
     labels = [label.get_text() for label in tuned.gains(some).axes[0].get_yticklabels()]
     assert titles == labels == ["gru", "tcn", "esn"]
+
+
+def test_a_command_over_its_bound_is_named(tmp_path: Path) -> None:
+    record = json.loads((records.FOLDER / "first-minutes.json").read_text())
+    path = tmp_path / "first-minutes.json"
+    for processor_s, verdict in (
+        (0.1, "within its bound"),
+        (9.0, "Over the bound: `wakedeploy --h"),
+    ):
+        record["rows"][0]["processor_s"] = [0.1, processor_s, processor_s]
+        path.write_text(json.dumps(record))
+        assert verdict in first_minutes.first_minutes(Records(tmp_path)).body
