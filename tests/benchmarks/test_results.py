@@ -118,6 +118,22 @@ def test_the_demo_s_record_and_its_picture_are_kept_together(
     assert "learned from 3 minutes" in flight.demo(Records(kept)).measured
 
 
+def test_of_an_earlier_campaign_the_counts_are_kept_with_their_own_day(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records, "FOLDER", tmp_path)
+    campaign = json.loads((records.ROOT / "docs" / "records" / "faults.json").read_text())
+    source = tmp_path / "faults.json"
+    source.write_text(json.dumps(campaign))
+    keep.faults(source, "faults-earlier")
+    kept = json.loads((tmp_path / "faults-earlier.json").read_text())
+    assert (kept["measured"], kept["commit"]) == (campaign["measured"], campaign["commit"])
+    assert "machine" not in kept  # the campaign does not state it
+    assert set(kept["exact"]["faults"][0]) == set(keep.COUNTS)
+    counts = [row["unsafe"] for row in campaign["exact"]["faults"]]
+    assert [row["unsafe"] for row in kept["exact"]["faults"]] == counts
+
+
 def test_what_a_recording_contains_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
