@@ -43,7 +43,8 @@ help:
 venv: $(INSTALLED)
 
 # Every file that is installed has a hash in requirements.lock, but for torch: WHEEL_INDEX offers another
-# build of it, with another hash. Its version is pinned; a CUDA build brings NVIDIA's libraries along.
+# build of it, with another hash. Its version is pinned; a CUDA build brings NVIDIA's libraries and triton
+# along, without hashes, too.
 $(INSTALLED): pyproject.toml requirements.lock constraints.txt
 	@$(or $(PYTHON),false) -c '$(SUITABLE)' || { echo "No suitable Python: wakedeploy needs 3.11, \
 	3.12 or 3.13; install one, or name it: make PYTHON=/path/to/python3.12"; exit 2; }

@@ -1,14 +1,16 @@
-"""Keep what a `wakedeploy` command wrote as records, with day and commit.
+"""Keep what a `wakedeploy` command wrote as records, with day, commit and machine.
 
     python -m benchmarks.keep table runs.json training      # a table of `train --json`
+    python -m benchmarks.keep demo demo                     # a folder of `demo`, picture too
     python -m benchmarks.keep study study/shift             # a study's folder
+    python -m benchmarks.keep faults faults.json faults-earlier   # counts of `benchmarks.faults`
     python -m benchmarks.keep gap-demo gap-demo             # folders of `gap demo`,
     python -m benchmarks.keep gap-domain runs/motor         # and `gap domain`
     python -m benchmarks.keep gap-benchmark gap-benchmark   # what `benchmarks.hidden_effects` wrote
 
-The day is the one on which the command wrote its result. The commit is the one that the result
-states, else the present one. Of a study's tables and pictures those are kept that pages show. What
-a recording itself contains is left out: records hold results.
+The day is the one on which the command wrote its result, on this machine. The commit is the one
+that the result states, else the present one. Of a study's tables and pictures those are kept that
+pages show. What a recording itself contains is left out: records hold results.
 """
 
 import argparse
@@ -20,6 +22,8 @@ from typing import Any
 
 from benchmarks import records
 from wakedeploy.core.files import write_text_whole
+
+COUNTS = ("fault", "group", "survivable", "flights", "unsafe", "unsafe_above_1_5_mps")
 
 
 def main() -> None:
@@ -34,7 +38,7 @@ def _options() -> argparse.Namespace:
     for kind in KINDS:
         subparser = kinds.add_parser(kind)
         subparser.add_argument("source", type=Path)
-        if kind == "table":
+        if kind in ("table", "faults"):
             subparser.add_argument("name", help="the record's name")
     return parser.parse_args()
 
@@ -42,6 +46,12 @@ def _options() -> argparse.Namespace:
 def table(source: Path, name: str) -> None:
     """A table that a command wrote by `--json`."""
     _keep(name, source)
+
+
+def demo(source: Path) -> None:
+    """The demo's result and its picture, which are of the same flights."""
+    _keep("demo", source / "result.json")
+    shutil.copyfile(source / "demo.png", records.FIGURES / "demo.png")
 
 
 def study(source: Path) -> None:
@@ -52,6 +62,16 @@ def study(source: Path) -> None:
             target = folder / f"study-{path.name}"
             if target.exists():
                 shutil.copyfile(path, target)
+
+
+def faults(source: Path, name: str) -> None:
+    """A campaign's counts without its flights: of an earlier loop no more is shown."""
+    result = _read(source)
+    for plant in ("exact", "mismatched"):
+        rows = result[plant]["faults"]
+        result[plant] = {"faults": [{key: row[key] for key in COUNTS} for row in rows]}
+    result.pop("unsafe_flights", None)  # the head of the table of flights
+    _write(name, source, result)
 
 
 def gap_demo(source: Path) -> None:
@@ -88,7 +108,9 @@ def _keep(name: str, source: Path) -> None:
 
 
 def _write(name: str, source: Path, result: dict[str, Any]) -> None:
-    records.write(records.FOLDER / f"{name}.json", {"measured": _day(source)} | result)
+    if "measured" not in result:
+        result = {"measured": _day(source), "machine": records.machine()} | result
+    records.write(records.FOLDER / f"{name}.json", result)
 
 
 def _day(source: Path) -> str:
@@ -103,7 +125,9 @@ def _read(path: Path) -> dict[str, Any]:
 
 KINDS = {
     "table": table,
+    "demo": demo,
     "study": study,
+    "faults": faults,
     "gap-demo": gap_demo,
     "gap-domain": gap_domain,
     "gap-benchmark": gap_benchmark,

@@ -16,7 +16,6 @@ import hashlib
 import json
 import math
 import multiprocessing
-import platform
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -119,7 +118,6 @@ def measured(
         "equal": "number of targets",
         "threads": torch.get_num_threads(),
         "torch": torch.__version__,
-        "machine": platform.machine(),
         "rows": rows,
     }
 

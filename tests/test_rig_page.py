@@ -1,6 +1,5 @@
 """docs/how-to/rig.md against its subject: pins, picture, what the Pi gets, names of endings."""
 
-import importlib.util
 import itertools
 import os
 import re
@@ -13,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from benchmarks import wiring
 from runtime.loop.loop import Loop
 from runtime.reference import random_plan
 from runtime.simulated import SimulatedGantry
@@ -29,19 +29,10 @@ COMMANDS = [
 ]
 
 
-def drawing():
-    """The script that draws the wiring, which is no module of a package."""
-    spec = importlib.util.spec_from_file_location("wiring", ROOT / "docs" / "figures" / "wiring.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_the_picture_and_the_table_have_the_sketchs_pins() -> None:
-    wiring = drawing()
     pins = wiring.pins(wiring.PINS.read_text("utf-8"))
     assert set(pins) == {"SOURCE_ESC", "SUFFERER_ESC", "STEP", "DIRECTION", "HOME", "BATTERY"}
-    assert (ROOT / "docs" / "figures" / "wiring.svg").read_text("utf-8") == wiring.draw(pins)
+    assert wiring.PICTURE.read_text("utf-8") == wiring.draw(pins)
     words = {
         "SOURCE_ESC": "source's ESC",
         "SUFFERER_ESC": "sufferer's ESC",
@@ -79,7 +70,6 @@ NAMED = {
 
 def drawn_nets():
     """The drawing's nets: name -> its wires; and the parts by name."""
-    wiring = drawing()
     pins = wiring.pins(wiring.PINS.read_text("utf-8"))
     nets = {}
     for wire in wiring.wires(pins):
@@ -160,7 +150,7 @@ def test_each_row_of_the_table_has_a_wire_that_ends_at_every_part_it_names() -> 
 
 def test_where_wires_meet_is_a_dot_and_where_they_cross_a_hop() -> None:
     nets, _ = drawn_nets()
-    svg = (ROOT / "docs" / "figures" / "wiring.svg").read_text("utf-8")
+    svg = wiring.PICTURE.read_text("utf-8")
     meet, cross = set(), set()
     pieces = [(n, p) for n, ws in nets.items() for w in ws for p in itertools.pairwise(w)]
     for (net, (a, b)), (other, (c, d)) in itertools.permutations(pieces, 2):

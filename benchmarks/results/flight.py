@@ -12,6 +12,7 @@ from benchmarks.results.section import (
     span,
     table,
 )
+from wakedeploy.cli.demo import MINUTES
 
 Row = Mapping[str, Any]
 
@@ -85,10 +86,11 @@ def demo(records: Records) -> Section:
         for name, error in result["rmse_mm"].items()
     ]
     gain = result["gain_mm"]
+    minutes = result.get("minutes", MINUTES)  # unstated: as many as the demo takes by itself
     return Section(
         "The demo",
         "Altitude RMSE of the flights of `make demo` on the virtual gantry, mean ± standard error. "
-        "The GRU learned from a quarter of an hour of simulated flight.",
+        f"The GRU learned from {minutes:g} minutes of simulated flight.",
         paragraphs(
             "![Altitude, error and force of two of these flights](figures/demo.png)",
             table(["controller", "error [mm]", "flights"], lines),
@@ -96,8 +98,8 @@ def demo(records: Records) -> Section:
             f"{gain['standard_error']:.1f} mm.",
         ),
         (
-            "wakedeploy demo --json demo.json",
-            "python -m benchmarks.keep table demo.json demo",
+            "wakedeploy demo --json demo/result.json",
+            "python -m benchmarks.keep demo demo",
         ),
     )
 

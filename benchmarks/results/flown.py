@@ -27,13 +27,12 @@ def closed_loop(records: Records) -> Section:
     """Tracking on the 2D downwash."""
     records.json("study-closed-loop.json")
     rows = records.rows("study-closed-loop.csv")
-    tracked = _tracked(rows)
+    flown = tracked(rows)
     lines = [
-        [name, f"{1e3 * tracked[name].mean_m:.1f}", _gain(tracked, name)]
-        for name in in_order(tracked)
+        [name, f"{1e3 * flown[name].mean_m:.1f}", _gain(flown, name)] for name in in_order(flown)
     ]
     text = (
-        f"{_memory(tracked)} The mean force is a constant. Its gain is large because the "
+        f"{_memory(flown)} The mean force is a constant. Its gain is large because the "
         "controller has no integral action and most of the wake is its mean."
     )
     return Section(
@@ -50,7 +49,7 @@ def closed_loop(records: Records) -> Section:
     )
 
 
-def _tracked(rows: Sequence[Row]) -> dict[str, Tracked]:
+def tracked(rows: Sequence[Row]) -> dict[str, Tracked]:
     """Each line's errors (seeds, flights) [m]."""
     return {
         name: Tracked(
@@ -66,9 +65,9 @@ def _tracked(rows: Sequence[Row]) -> dict[str, Tracked]:
     }
 
 
-def _gain(tracked: Mapping[str, Tracked], name: str) -> str:
+def _gain(flown: Mapping[str, Tracked], name: str) -> str:
     """The share of the oracle's gain, with its interval."""
-    gained = recovered(tracked[name], tracked["no compensation"], tracked["oracle"])
+    gained = recovered(flown[name], flown["no compensation"], flown["oracle"])
     if name in ("no compensation", "oracle") or gained is None:
         return "–"
     if gained.low is None or gained.high is None:
@@ -76,9 +75,9 @@ def _gain(tracked: Mapping[str, Tracked], name: str) -> str:
     return within(gained.share, gained.low, gained.high, 0, 100.0) + " %"
 
 
-def _memory(tracked: Mapping[str, Tracked]) -> str:
+def _memory(flown: Mapping[str, Tracked]) -> str:
     """How many models with memory are clearly better than the one without."""
-    found = memory([tracked[name] for name in ARCHITECTURES])
+    found = memory([flown[name] for name in ARCHITECTURES])
     if found is None:
         return ""
     return (
@@ -91,11 +90,11 @@ def shift(records: Records) -> Section:
     """Trained on one spread of physics, flown in others."""
     record, rows = records.json("study-shift.json"), records.rows("study-shift.csv")
     spreads = {
-        _spread(s): _tracked(spread_rows) for s, spread_rows in grouped(rows, "spread").items()
+        _spread(s): tracked(spread_rows) for s, spread_rows in grouped(rows, "spread").items()
     }
     names = ["mean force", *ARCHITECTURES]
-    lines = [[name, *(_gain(tracked, name) for tracked in spreads.values())] for name in names]
-    verdicts = [f"- At {spread}: {_memory(tracked)}" for spread, tracked in spreads.items()]
+    lines = [[name, *(_gain(flown, name) for flown in spreads.values())] for name in names]
+    verdicts = [f"- At {spread}: {_memory(flown)}" for spread, flown in spreads.items()]
     trained = record["trained"]["others"]
     return Section(
         "Trained on one physics, flown in another",

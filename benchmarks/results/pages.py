@@ -11,6 +11,7 @@ from benchmarks.results import (
     compiled,
     effects,
     faults,
+    first_minutes,
     flight,
     flown,
     gap,
@@ -26,6 +27,7 @@ from benchmarks.results import (
     simulators,
     so101,
     studies,
+    study_claims,
     tutorials,
 )
 from benchmarks.results.section import Records, Section, paragraphs
@@ -33,6 +35,7 @@ from benchmarks.results.section import Records, Section, paragraphs
 SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
     "In flight": (
         flight.demo,
+        first_minutes.first_minutes,
         flight.tracking,
         flight.latency,
         flight.endings,
@@ -114,7 +117,7 @@ def estimates(read: Records) -> str:
 DETAILS: dict[str, Callable[[Records], str]] = {
     "gap-benchmark.md": hidden_effects,
     "gap-domains.md": gap_domains.page,
-    "studies.md": studies.page,
+    "studies.md": study_claims.page,
     "tuned.md": tuned_shapes,
     "downwash-estimates.md": estimates,
     "faults.md": faults.page,
@@ -175,12 +178,16 @@ class Pages:
         """When and at which commit the records of a section were made."""
         self.used |= set(read.read)
         sources = [
-            f"measured {day} at {_commits(commit)}: "
+            f"measured {stamp.day} at {_commits(stamp.commit)}{_on(stamp.machine)}: "
             + ", ".join(f"[{name}]({place}/{name})" for name in names)
-            for (day, commit), names in read.stamps().items()
+            for stamp, names in read.stamps().items()
         ]
         return "Records " + "; ".join(sources) + "."
 
 
 def _commits(commit: str) -> str:
     return ", ".join(f"`{revision}`" for revision in commit.split(", ")) if commit else "no commit"
+
+
+def _on(machine: str) -> str:
+    return f" on {machine}" if machine else ""

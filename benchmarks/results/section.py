@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 ARCHITECTURES = ("agile-mlp", "history-mlp", "delay-embedding", "gru", "tcn", "mamba", "esn")
 ARCHITECTURES += ("cross-attention",)
@@ -22,6 +22,14 @@ class Section:
     measured: str
     body: str
     commands: tuple[str, ...]
+
+
+class Stamp(NamedTuple):
+    """When, at which commit and on what a record was measured."""
+
+    day: str
+    commit: str
+    machine: str = ""  # older records do not state it
 
 
 class Records:
@@ -44,9 +52,9 @@ class Records:
         """A JSONL record."""
         return [json.loads(line) for line in self._text(name).splitlines()]
 
-    def stamps(self) -> dict[tuple[str, str], list[str]]:
-        """By day and commit of measurement: the records that were read."""
-        found: dict[tuple[str, str], list[str]] = {}
+    def stamps(self) -> dict[Stamp, list[str]]:
+        """By day, commit and machine of measurement: the records that were read."""
+        found: dict[Stamp, list[str]] = {}
         for name in sorted(set(self.read)):
             found.setdefault(self._stamp(name), []).append(name)
         return found
@@ -55,18 +63,18 @@ class Records:
         self.read.append(name)
         return (self.folder / name).read_text("utf-8")
 
-    def _stamp(self, name: str) -> tuple[str, str]:
-        """Day and commit of a record; those of a CSV file stand in its study's JSON file."""
+    def _stamp(self, name: str) -> Stamp:
+        """The stamp of a record; that of a CSV file stands in its study's JSON file."""
         path = self.folder / name
         if path.suffix == ".jsonl":
             lines = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
             days, commits = ({line[key] for line in lines} for key in ("measured", "commit"))
-            return ", ".join(sorted(days)), ", ".join(sorted(commits))
+            return Stamp(", ".join(sorted(days)), ", ".join(sorted(commits)))
         if path.suffix == ".csv":
             studies = [p for p in self.folder.glob("*.json") if path.stem.startswith(p.stem)]
             path = max(studies, key=lambda study: len(study.stem))
         stated = json.loads(path.read_text("utf-8"))
-        return stated["measured"], stated["commit"]
+        return Stamp(stated["measured"], stated["commit"], stated.get("machine", ""))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -37,22 +37,6 @@ def picture(study: str, shows: str) -> str:
     return f"![{shows}](figures/study-{study}.png)"
 
 
-def page(records: Records) -> str:
-    """What each study says of its own figures."""
-    parts = []
-    for path in sorted(records.folder.glob("study-*.json")):
-        says = records.json(path.name).get("says")
-        if says:
-            parts += [f"## {path.stem.removeprefix('study-').capitalize()}", *says.values()]
-    return paragraphs(
-        "# What the studies say",
-        "`wakedeploy study` writes a sentence for each of its figures, from the numbers: with "
-        "intervals, and with what the paper claims and whether that comes out. These are those "
-        "sentences. [Results](../results.md) has the figures and tables.",
-        *parts,
-    )
-
-
 def domains(records: Records) -> Section:
     """Eight architectures over six domains."""
     record, rows = records.json("study-domains.json"), records.rows("study-domains.csv")
@@ -137,9 +121,9 @@ def window(records: Records) -> Section:
     lines = []
     for domain, domain_rows in grouped(rows, "domain").items():
         by_model = grouped(domain_rows, "arch")
-        memoryless = _share(by_model[MEMORYLESS])
+        memoryless = share_of(by_model[MEMORYLESS])
         for name in ("history-mlp", "gru"):
-            found = _enough(by_model[name])
+            found = enough(by_model[name])
             lines.append([domain, name, *found, f"{memoryless:.2f}"])
     return Section(
         "How much of the past is enough",
@@ -157,14 +141,15 @@ def window(records: Records) -> Section:
     )
 
 
-def _share(rows: Sequence[Row]) -> float:
+def share_of(rows: Sequence[Row]) -> float:
+    """Mean error as a share of the standard deviation."""
     return statistics.fmean(float(row["rmse"]) / float(row["sd"]) for row in rows)
 
 
-def _enough(rows: Sequence[Row]) -> list[str]:
+def enough(rows: Sequence[Row]) -> list[str]:
     """The shortest past within 5 % of the least error, what it takes to keep, and its error."""
     lengths = grouped(rows, "past_s")
-    errors = {past: _share(past_rows) for past, past_rows in lengths.items()}
+    errors = {past: share_of(past_rows) for past, past_rows in lengths.items()}
     suffice = [past for past in errors if errors[past] <= 1.05 * min(errors.values())]
     enough = min(suffice, key=lambda past: float(past or math.inf))  # of a state, "" is all of it
     shown = f"{float(enough):.3g}" if enough else "all of it"

@@ -223,16 +223,22 @@ def test_blind_descents_begin_anywhere_in_the_air_and_are_summed_up_by_wake(tmp_
     assert "link cut, wake x 0.5: 0 of 20 unsafe" in descents.printed(rows)
 
 
-def test_the_section_sets_before_and_now_side_by_side(tmp_path):
+def test_the_section_sets_an_earlier_loop_beside_the_present_one(tmp_path):
     hard = replace(RESULT, lower_mps=2.0)
     lost = replace(RESULT, case=Case("battery pulled", MOMENT), lower_mps=3.0)
-    for name, flights in (("faults-before", [hard, hard, lost]), ("faults", [hard, RESULT, lost])):
+    for name, flights in (("faults-earlier", [hard, hard, lost]), ("faults", [hard, RESULT, lost])):
         told = {"faults": table.by_fault(flights), "unsafe_flights": table.unsafe_rows(flights)}
-        record_of = {"seconds": 14.0, "phases": ["in the air"], "exact": told}
+        record_of = {
+            "commit": "4bc",
+            "seconds": 14.0,
+            "phases": ["in the air"],
+            "exact": told,
+        }
         (tmp_path / f"{name}.json").write_text(json.dumps(record_of))
-    before_only = faults.faults(Records(tmp_path)).body
-    assert "| link | 1 | 2 of 2 | 2 | 1 of 2 | 1 |" in before_only
-    assert "| not survivable | 1 | 1 of 1 | 1 | 1 of 1 | 1 |" in before_only
+    both = faults.faults(Records(tmp_path)).body
+    assert "| link | 1 | 2 of 2 | 2 | 1 of 2 | 1 |" in both
+    assert "*earlier* loop is that of commit `4bc`" in both
+    assert "| not survivable | 1 | 1 of 1 | 1 | 1 of 1 | 1 |" in both
     assert "| link cut | 1 of 2 | 2.00 | 0.00 | 0.10 | 0.10 | whole (2) |" in faults.page(
         Records(tmp_path)
     )

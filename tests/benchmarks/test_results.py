@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import keep, records, tuned
-from benchmarks.results import compiled, flight, readme
+from benchmarks.results import compiled, first_minutes, flight, readme
 from benchmarks.results.pages import SECTIONS, Pages
 from benchmarks.results.section import ARCHITECTURES, Records
 from wakedeploy.study.pareto import Point, by_flash, by_instructions, by_ram, front
@@ -32,6 +32,7 @@ def test_no_record_is_unused_and_there_is_nothing_but_records(pages: Pages) -> N
     assert {Path(name).suffix for name in present} <= KINDS
     manuals = {path.suffix for path in (records.ROOT / "docs").iterdir() if path.is_file()}
     assert manuals == {".md"}
+    assert {path.suffix for path in records.FIGURES.iterdir()} == {".png", ".svg"}
 
 
 def test_every_section_states_when_and_at_which_commit_its_record_was_made(pages: Pages) -> None:
@@ -41,7 +42,8 @@ def test_every_section_states_when_and_at_which_commit_its_record_was_made(pages
     for section in sections:
         (line,) = re.findall(r"^Records (measured .*)$", section, re.MULTILINE)
         for told in line.split("; "):
-            assert re.match(rf"measured {DAY}(, {DAY})* at {COMMIT}(, {COMMIT})*: ", told), told
+            form = rf"measured {DAY}(, {DAY})* at {COMMIT}(, {COMMIT})*( on [^:]+)?: "
+            assert re.match(form, told), told
         assert "```\n" in section
 
 
@@ -74,6 +76,7 @@ def test_a_record_keeps_its_day_and_commit_or_gets_those_of_now(tmp_path: Path) 
     told = json.loads(path.read_text())
     assert re.fullmatch(r"20\d\d-\d\d-\d\d", told["measured"])
     assert told["commit"] == records.COMMIT
+    assert re.fullmatch(r"\d+ cores, \S.*", told["machine"])
     records.write(path, {"measured": "2020-01-02", "commit": "abc", "rows": [1]})
     assert json.loads(path.read_text()) == {"measured": "2020-01-02", "commit": "abc", "rows": [1]}
 
@@ -97,7 +100,39 @@ def test_a_study_s_folder_replaces_its_record_and_the_tables_that_are_kept(
     assert not (kept / "study-lead-flights.csv").exists()
     reader = Records(kept)
     reader.rows("study-lead.csv")
-    assert list(reader.stamps()) == [(told["measured"], "abc")]
+    assert list(reader.stamps()) == [(told["measured"], "abc", records.machine())]
+
+
+def test_the_demo_s_record_and_its_picture_are_kept_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, pictures, made = (tmp_path / name for name in ("records", "figures", "demo"))
+    for folder in (kept, pictures, made):
+        folder.mkdir()
+    monkeypatch.setattr(records, "FOLDER", kept)
+    monkeypatch.setattr(records, "FIGURES", pictures)
+    result = json.loads((records.ROOT / "docs" / "records" / "demo.json").read_text())
+    (made / "result.json").write_text(json.dumps(result | {"minutes": 3.0}))
+    (made / "demo.png").write_bytes(b"picture")
+    keep.demo(made)
+    assert (pictures / "demo.png").read_bytes() == b"picture"
+    assert "learned from 3 minutes" in flight.demo(Records(kept)).measured
+
+
+def test_of_an_earlier_campaign_the_counts_are_kept_with_their_own_day(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records, "FOLDER", tmp_path)
+    campaign = json.loads((records.ROOT / "docs" / "records" / "faults.json").read_text())
+    source = tmp_path / "faults.json"
+    source.write_text(json.dumps(campaign))
+    keep.faults(source, "faults-earlier")
+    kept = json.loads((tmp_path / "faults-earlier.json").read_text())
+    assert (kept["measured"], kept["commit"]) == (campaign["measured"], campaign["commit"])
+    assert "machine" not in kept  # the campaign does not state it
+    assert set(kept["exact"]["faults"][0]) == set(keep.COUNTS)
+    counts = [row["unsafe"] for row in campaign["exact"]["faults"]]
+    assert [row["unsafe"] for row in kept["exact"]["faults"]] == counts
 
 
 def test_what_a_recording_contains_is_not_kept(
@@ -173,3 +208,15 @@ def test_pictures_of_tuning_show_what_was_tuned_and_no_empty_panels() -> None:
     titles = [axes.get_title(loc="left") for axes in drawn.axes if axes.axison]
     labels = [label.get_text() for label in tuned.gains(some).axes[0].get_yticklabels()]
     assert titles == labels == ["gru", "tcn", "esn"]
+
+
+def test_a_command_over_its_bound_is_named(tmp_path: Path) -> None:
+    record = json.loads((records.FOLDER / "first-minutes.json").read_text())
+    path = tmp_path / "first-minutes.json"
+    for processor_s, verdict in (
+        (0.1, "within its bound"),
+        (9.0, "Over the bound: `wakedeploy --h"),
+    ):
+        record["rows"][0]["processor_s"] = [0.1, processor_s, processor_s]
+        path.write_text(json.dumps(record))
+        assert verdict in first_minutes.first_minutes(Records(tmp_path)).body

@@ -8,8 +8,6 @@ from shell_lines import FENCE, PAGES, ROOT, fences
 
 from wakedeploy.rig.file import default_rig_text, parse_rig
 
-# The studies' own sentences are as the studies write them.
-WRITTEN = [page for page in PAGES if page.name != "studies.md" or page.parent.name != "results"]
 LINK = re.compile(r"(?:\]\(|\bhref=\")([^)#\s\"]*)(?:#([^)\s\"]*))?[)\"]")
 MOST_NUMBERS = 5  # of a paragraph
 
@@ -54,7 +52,7 @@ def paragraphs(page: Path) -> list[str]:
     return [re.sub(r"`[^`]*`|\]\([^)]*\)", "", part) for part in prose]
 
 
-@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_paragraph_has_few_numbers_and_plain_words(page: Path) -> None:
     for part in paragraphs(page):
         numbers = re.findall(r"(?<![\w.])\d[\d.,]*", re.sub(r"^\s*\d+\. ", "", part))

@@ -44,7 +44,7 @@ def test_orders_agree_as_pairs_do() -> None:
     assert "at ±75 % it is number 2 of 4 and reaches 70 %" in text
     assert "at ±50 % it stays (Kendall's τ = 1.00 [1.00, 1.00]; of the 6 of 6 pairs" in text
     assert "at ±75 % it does not stay (Kendall's τ = 0.67 [0.67, 0.67]; of the 6 of 6 pairs that" \
-        " the flights tell apart at both, 1 change places)" in text  # fmt: skip
+        " the flights separate at both, 1 change places)" in text  # fmt: skip
     assert text.count("3 of 3 models with memory track clearly better") == 3
     worse = sentence(nominal, [first, turned], "gru")
     assert "at ±75 % 0 of 3 models with memory track clearly better than agile-mlp and 3" in worse
@@ -58,7 +58,7 @@ def test_an_order_within_the_noise_is_left_open() -> None:
     assert found.turned == 0
     assert found.low < found.tau < found.high
     text = sentence(told(0.0, **close), [first, other], "gru")
-    assert "at ±50 % it cannot be told" in text
+    assert "at ±50 % it is not clear" in text
     assert "4 of 4 models with memory track clearly better" in text  # of that they are sure
     few = [Shifted(one.spread, tuple(Tracked(x.name, x.rms_m[:, :4]) for x in one.lines))
            for one in (first, other)]  # fmt: skip

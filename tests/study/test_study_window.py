@@ -174,7 +174,7 @@ def test_seeds_are_averaged_and_five_per_cent_above_the_least_suffice() -> None:
     assert found.enough is not None
     assert (found.enough.past_s, found.error, found.least) == (0.1, pytest.approx(0.42), 0.4)
     told = sentence("toy", points, 100.0)
-    assert "gru needs no more than 0.1 s of the past, of which it keeps a state of 512" in told
+    assert "gru needs no more than 0.1 s of the past, kept in a state of 512" in told
     assert "needs 0.1 s" not in told  # its past was cut, it was not trained with so little
     assert "samples" not in told
     told = sentence("toy", [points[0], seen("history-mlp", 0.1, 0.4)], 100.0)

@@ -318,7 +318,7 @@ def fly(
     """Fly the gantry at 32 Hz: at rest, a random plan, at rest again.
 
     Without a `port` it is the virtual gantry in simulated time: much faster than real time, and the
-    same to the digit everywhere.
+    same to the digit on computers of one architecture.
 
     Args:
         package: The predictor whose force [N] is fed forward. None: PID alone.

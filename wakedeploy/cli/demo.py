@@ -17,6 +17,7 @@ from wakedeploy.core.errors import CheckFailed, UnusableInput
 if TYPE_CHECKING:
     from wakedeploy.core.runlog import RunLog
 
+MINUTES = 12.0  # of simulated flight to train on, unless asked for others
 _SEED = 7  # of the first flight; training episodes count from a million
 _EPOCHS = 40
 _LATENCY_TICKS = 128  # 4 s: enough to see a busy computer, too few for a verdict
@@ -30,7 +31,7 @@ _LATENCY_TICKS = 128  # 4 s: enough to see a busy computer, too few for a verdic
     show_default=True,
     help="Everything the demo makes lies here.",
 )
-@click.option("--minutes", type=click.FloatRange(2, 600), default=12.0, show_default=True,
+@click.option("--minutes", type=click.FloatRange(2, 600), default=MINUTES, show_default=True,
               help="Of simulated flight to train on.")  # fmt: skip
 @click.option("--flights", type=click.IntRange(2, 1000), default=6, show_default=True,
               help="To compare on, in simulated time.")  # fmt: skip
@@ -63,7 +64,7 @@ def command(
     plans = ["--virtual", "--flights", flights, "--seconds", seconds, "--seed", _SEED]
     flown = out / "flights.json"
     _step("run-gantry", "--package", package, *plans, "--log", logs, "--json", flown)
-    result = _compared(json.loads(flown.read_text(encoding="utf-8")))
+    result = {"minutes": minutes} | _compared(json.loads(flown.read_text(encoding="utf-8")))
     result["latency"] = _latency(package)
     _draw(logs / f"pid-{_SEED:04d}.mcap", logs / f"feedforward-{_SEED:04d}.mcap", out / "demo.png")
     result |= {"picture": str(out / "demo.png"), "seconds": round(time.monotonic() - began, 1)}

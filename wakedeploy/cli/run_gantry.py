@@ -70,8 +70,8 @@ def command(
     """Fly a random plan at 32 Hz: three seconds at rest, the flight, three seconds at rest.
 
     The virtual gantry flies in simulated time: loop, board and plant in lockstep, much faster than
-    real time and to the same digit everywhere. --wall-clock flies it in real time, over a
-    pseudo-terminal: latency is measured, and the rig is rehearsed.
+    real time. On computers of one architecture the same flight has the same digits. --wall-clock
+    flies it in real time, over a pseudo-terminal: latency is measured, and the rig is rehearsed.
 
     A reference file has the columns t_s, z_m, x_m, source_us; it begins and ends at rest.
 

@@ -81,7 +81,7 @@ def _quadrotor(mean: Mapping[str, float], lines: Sequence[Line]) -> str:
             f"{two[1]}, {verdict}"
         )
     authors = (
-        "The recordings' authors tell z-RMSEs of 1.5 N below, 1.4 N above and 2.7 N swapping for "
+        "The recordings' authors report z-RMSEs of 1.5 N below, 1.4 N above and 2.7 N swapping for "
         "their memoryless network, on other files of the same kind."
     )
     return f"{_joined(sentences)} {authors}".strip()

@@ -231,7 +231,7 @@ def _starts(lines: Sequence[Learned]) -> str:
     )
     text = (
         f"Training began at μ₀ = {' and '.join(f'{s:.3f}' for s in starts_s)} s whatever the "
-        f"transport delay; told is the start that does better on validation ({better}). On average "
+        f"transport delay; the start that does better on validation counts ({better}). On average "
         f"μ ends {alone} than the transport delay. From all starts it ends within {ALIKE_S:g} s in "
         f"{alike} of {len(runs)} cases, {np.mean(apart_s):.3f} s apart on average"
     )

@@ -55,11 +55,11 @@ def headline(by_domain: Mapping[str, Sequence[Line]]) -> str:
             changes[domain] = mean[best] / mean[MEMORYLESS] - 1.0
     if not changes:
         return ""
-    told_changes = ", ".join(f"{100 * c:+.0f} % on {domain}" for domain, c in changes.items())
+    shares = ", ".join(f"{100 * c:+.0f} % on {domain}" for domain, c in changes.items())
     helps = sum(c < 0.0 for c in changes.values())
     return (
         f"In {helps} of {len(changes)} domains the memory that is best on validation errs less on "
-        f"test episodes than the model without ({told_changes}). "
+        f"test episodes than the model without ({shares}). "
     )
 
 

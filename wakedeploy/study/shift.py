@@ -191,13 +191,13 @@ def sentence(nominal: Shifted, spreads: Sequence[Shifted], chosen: str | None = 
 
 def _order(first: Shifted, others: Sequence[Shifted]) -> str:
     """The paper's claim of the order, with what these flights can say of it."""
-    words = {True: "stays", False: "does not stay", None: "cannot be told"}
+    words = {True: "stays", False: "does not stay", None: "is not clear"}
     said = []
     for at_spread in others:
         found = agreement(first, at_spread)
         said.append(
             f"at {_spread(at_spread)} it {words[found.kept]} (Kendall's τ = {found.text}; of the "
-            f"{found.apart} of {found.pairs} pairs that the flights tell apart at both, "
+            f"{found.apart} of {found.pairs} pairs that the flights separate at both, "
             f"{found.turned} change places)"
         )
     return f"In the paper the order of the models stays: here {'; '.join(said)}."

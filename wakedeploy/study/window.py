@@ -247,7 +247,7 @@ def _need_text(found: Need, rate_hz: float, longest_s: float) -> str:
 def _kept(seen: Seen, rate_hz: float) -> str:
     """What a computer on board has to keep for it."""
     if seen.memory == "state":
-        return f"of which it keeps a state of {seen.bytes:,} bytes and no history"
+        return f"kept in a state of {seen.bytes:,} bytes without a history"
     return f"a history of {seen.samples} samples or {seen.bytes:,} bytes at {rate_hz:g} Hz"
 
 

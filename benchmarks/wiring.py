@@ -1,4 +1,4 @@
-"""Draw how the rig is wired: `python docs/figures/wiring.py` writes docs/figures/wiring.svg.
+"""Draw how the rig is wired: `python -m benchmarks.wiring` writes docs/figures/wiring.svg.
 
 Pin numbers are read from `arduino_sketch/pins.h`, so that picture and sketch cannot differ. A wire
 ends at a part's terminal or on another wire of its net; where wires of one net meet is a dot, where
@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-HERE = Path(__file__).resolve().parent
-PINS = HERE.parents[1] / "arduino_sketch" / "pins.h"
+ROOT = Path(__file__).resolve().parents[1]
+PINS = ROOT / "arduino_sketch" / "pins.h"
+PICTURE = ROOT / "docs" / "figures" / "wiring.svg"
 POWER, SIGNAL, GROUND, BUS = "#b5322a", "#1f5f99", "#555555", "#2b7a3d"
 _WIDTH, _HEIGHT = 1110, 730
 _HOP, _DOT = 5, 4
@@ -275,4 +276,4 @@ def draw(pin: dict[str, str]) -> str:
 
 
 if __name__ == "__main__":
-    (HERE / "wiring.svg").write_text(draw(pins(PINS.read_text("utf-8"))), encoding="utf-8")
+    PICTURE.write_text(draw(pins(PINS.read_text("utf-8"))), encoding="utf-8")
