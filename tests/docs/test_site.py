@@ -86,6 +86,14 @@ def test_every_field_of_a_package_has_a_meaning(monkeypatch: pytest.MonkeyPatch)
     assert {*manifest.Manifest.model_json_schema()["properties"]} == {*manifest.MEANINGS}
 
 
+def test_every_constant_of_a_rig_file_has_a_description(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs" / "site"), *sys.path])
+    rows = importlib.import_module("parts.rig_constants").markdown().splitlines()
+    cells = [[c.strip() for c in row.strip("|").split("|")] for row in rows if row[:3] == "| `"]
+    assert len(cells) > 50
+    assert [row[0] for row in cells if len(row) != 5 or len(row[-1].split()) < 3] == []
+
+
 def test_a_link_out_of_the_manual_leads_to_the_page_that_stands_for_it(tmp_path: Path) -> None:
     path = ROOT / "docs" / "site" / "neighbours.py"
     spec = importlib.util.spec_from_file_location("neighbours", path)
