@@ -6,6 +6,7 @@ import re
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from types import ModuleType
 
 import click
 import pytest
@@ -86,6 +87,42 @@ def test_every_field_of_a_package_has_a_meaning(monkeypatch: pytest.MonkeyPatch)
     assert {*manifest.Manifest.model_json_schema()["properties"]} == {*manifest.MEANINGS}
 
 
+def site_module(name: str) -> ModuleType:
+    """An extension of the site, which is no module of a package."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "site" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_sentences_are_wrapped_and_printed_tables_are_not() -> None:
+    room = site_module("room")
+    assert room.may_wrap("text", "The system lacks dry friction.")
+    assert not room.may_wrap("text", "┏━━┓\n┃ a ┃")
+    assert not room.may_wrap("python", "a = 1")
+
+
+def test_a_table_of_long_texts_scrolls_and_one_of_numbers_does_not() -> None:
+    room = site_module("room")
+    assert room.is_roomy([["x" * 50] * 4] * 3)
+    assert not room.is_roomy([["12.5 mm"] * 9] * 3)
+
+
+def test_the_first_page_has_the_tutorials_in_the_order_of_the_sidebar() -> None:
+    text = (ROOT / "docs" / "index.md").read_text("utf-8")
+    cards, _, trees = text.partition(":::{toctree}")
+    named = re.findall(r":link: (tutorials/[\w-]+)", cards)
+    assert named == re.findall(r"^tutorials/[\w-]+", trees, re.MULTILINE)
+    assert all(f"{{grid-item-card}} {name}" in cards for name in ("How to", "Results"))
+
+
+@built
+def test_figures_are_dark_where_the_page_is() -> None:
+    sheet = (SITE / "_static" / "site.css").read_text("utf-8")
+    assert 'data-theme="dark"] .content img' in sheet
+    assert "prefers-color-scheme: dark" in sheet
+
+
 def test_every_constant_of_a_rig_file_has_a_description(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs" / "site"), *sys.path])
     rows = importlib.import_module("parts.rig_constants").markdown().splitlines()
@@ -95,10 +132,7 @@ def test_every_constant_of_a_rig_file_has_a_description(monkeypatch: pytest.Monk
 
 
 def test_a_link_out_of_the_manual_leads_to_the_page_that_stands_for_it(tmp_path: Path) -> None:
-    path = ROOT / "docs" / "site" / "neighbours.py"
-    spec = importlib.util.spec_from_file_location("neighbours", path)
-    neighbours = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(neighbours)
+    neighbours = site_module("neighbours")
     page = ROOT / "docs" / "development" / "architecture.md"
     known = {ROOT / "CONTRIBUTING.md": page.with_name("contributing.md")}
     text = "[steps](CONTRIBUTING.md#checks), [licence](LICENSE), [records](docs/records/)"
