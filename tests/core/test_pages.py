@@ -76,7 +76,7 @@ def test_tiles_stand_in_rows_of_one_length_and_an_interval_in_a_line_of_its_own(
     macros = pages._environment("wakedeploy.core").get_template("parts.html").module
     tiles = {n: macros.tiles([("up", "95 ms (81 to 110)")] * n) for n in (1, 3, 5, 6, 8, 9)}
     columns = {n: int(re.findall(r"--columns: (\d+)", made)[0]) for n, made in tiles.items()}
-    assert columns == {1: 1, 3: 3, 5: 5, 6: 3, 8: 4, 9: 5}
+    assert columns == {1: 3, 3: 3, 5: 5, 6: 3, 8: 4, 9: 5}
     assert '<span class="ends">(81 to 110)</span>' in tiles[1]
 
 

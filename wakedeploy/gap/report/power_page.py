@@ -12,6 +12,7 @@ import numpy as np
 
 from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
+from wakedeploy.gap.report.phrases import plain
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.planning.plan import MARGIN_NATS
 from wakedeploy.gap.systems.gantry.planning.power import EffectPower, Power
@@ -89,7 +90,8 @@ def sentences(power: Power) -> list[str]:
         f"found but left in a class, and {count['too small']} are too small to be sure of."
     ]
     for group in power.classes:
-        sentences.append(f"Together in a class: {', '.join(group)}.")
+        members = _listed([plain(name) for name in group])
+        sentences.append(f"Together in a class: {members}.")
     bought = power.purchase
     if bought is None:
         sentences.append("No sensor of the menu would name another effect.")
@@ -106,7 +108,7 @@ def sentences(power: Power) -> list[str]:
         if costly.cost_mm is None
         else (f"adds {costly.cost_mm:.0f} mm to a tracking error of {power.tracking_mm:.1f} mm")
     )
-    sentences.append(f"Ignoring {costly.name} costs most: it {cost}.")
+    sentences.append(f"What costs most to ignore: {plain(costly.name)}. It {cost}.")
     return sentences + _imitated(power)
 
 

@@ -129,6 +129,7 @@ def test_the_page_is_whole_and_loads_nothing(told, tmp_path) -> None:
 @pytest.mark.whole
 def test_the_page_says_what_to_do_next(told, tmp_path) -> None:
     html = write_page(told, tmp_path, Path("rigs/mine.toml")).read_text()
+    assert "Together in a class: the sufferer's thrust falls" in " ".join(sentences(told))
     assert "Next step: look for the manoeuvre that tells a class apart" in html
     words = re.sub(r"<[^>]+>", "", html)
     group = " ".join(f"--class {name}" for name in told.classes[0])
