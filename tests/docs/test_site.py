@@ -102,6 +102,12 @@ def test_sentences_are_wrapped_and_printed_tables_are_not() -> None:
     assert not room.may_wrap("python", "a = 1")
 
 
+def test_an_option_of_a_command_is_kept_whole() -> None:
+    page = '<div class="highlight-sh x"><pre>a --write-it b\n</pre></div> --other'
+    whole = site_module("room").options_whole(page)
+    assert whole == page.replace("--write-it", '<span class="whole">--write-it</span>')
+
+
 def test_a_table_of_long_texts_scrolls_and_one_of_numbers_does_not() -> None:
     room = site_module("room")
     assert room.is_roomy([["x" * 50] * 4] * 3)
