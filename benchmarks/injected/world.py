@@ -17,7 +17,8 @@ from runtime.simulated import SimulatedGantry
 from runtime.virtual.mcu import Outputs
 from runtime.virtual.mcu_port import BOOT_S, McuPort
 from wakedeploy.core.manifest import FloatArray
-from wakedeploy.core.rig import Rig, SpoolLag
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.rig_sections import SpoolLag
 from wakedeploy.physics.gantry import GantryPlant
 
 LONGEST_S = 150.0  # of simulated time; a loop that has not ended by then never will

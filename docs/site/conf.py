@@ -26,6 +26,7 @@ extensions = [
     "made",
     "neighbours",
     "notebooks",
+    "room",
 ]
 root_doc = "index"
 source_suffix = {".md": "markdown"}

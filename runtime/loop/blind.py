@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from runtime.loop.copies import replace
 from runtime.loop.estimate import Estimate
 from runtime.loop.trim import TrimReader
-from wakedeploy.core.rig import Limits, Rig
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.rig_sections import Limits
 from wakedeploy.physics.effects.chain import believed
 from wakedeploy.physics.motor import held_pulse
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from runtime.loop.blind import BlindPulses, ladder_s
 from runtime.reference import Reference
-from wakedeploy.core.rig import Limits
+from wakedeploy.core.rig_sections import Limits
 
 # After these the height is not known, or cannot be controlled. A controller would wind up against
 # motors without a battery, and jump when it comes back. A lost link is not among them: where

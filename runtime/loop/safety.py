@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.loop.copies import replace
-from wakedeploy.core.rig import LOOP_RATE_HZ, Limits
+from wakedeploy.core.rig import LOOP_RATE_HZ
+from wakedeploy.core.rig_sections import Limits
 
 LATE_LIMIT = 3  # late predictions, or late answers, in a row that degrade the mode
 CLEAN_TICKS = round(LOOP_RATE_HZ)  # a clean second brings it back

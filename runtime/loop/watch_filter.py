@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.loop.watch_forecast import STEP_S, ForceForecast, Forces, Model, Place
-from wakedeploy.core.rig import LOOP_RATE_HZ, Rail, Rig
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.rig_sections import Rail
 from wakedeploy.core.runlog_columns import FLYING, STAGES, Value
 from wakedeploy.physics.constants import spreads_of
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction, smooth_friction_slope

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.core.rig import Rig, SpoolLag, Wake
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.rig_sections import SpoolLag, Wake
 from wakedeploy.physics.constants import NEUTRAL, Constants
 from wakedeploy.physics.effects.acting import ActingEffects
 from wakedeploy.physics.effects.chain import Chain, believed, unplaced_constants

@@ -6,7 +6,8 @@ behind the same limits. Time is whatever clock the caller counts in seconds.
 
 from dataclasses import dataclass
 
-from wakedeploy.core.rig import LOOP_RATE_HZ, Limits, Rig
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.rig_sections import Limits
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
 HOLD_PERIODS = 2.0

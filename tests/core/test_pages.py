@@ -10,6 +10,7 @@ import jinja2
 import pytest
 
 from wakedeploy.core import pages
+from wakedeploy.core.line_chart import Curve, LineChart
 
 CHROMIUM = shutil.which("chromium")
 ROWS = [["a", "10"], ["b", "9.5"], ["c", "−3"], ["d", "1,200"], ["e", "–"]]
@@ -69,6 +70,31 @@ def test_a_hostile_name_in_a_file_does_not_become_html() -> None:
     assert "<img" not in text
     assert ' onload="' not in text
     assert html.unescape(text).count(evil) == 4  # title, heading, head and cell
+
+
+def test_tiles_stand_in_rows_of_one_length_and_an_interval_in_a_line_of_its_own() -> None:
+    macros = pages._environment("wakedeploy.core").get_template("parts.html").module
+    tiles = {n: macros.tiles([("up", "95 ms (81 to 110)")] * n) for n in (1, 3, 5, 6, 8, 9)}
+    columns = {n: int(re.findall(r"--columns: (\d+)", made)[0]) for n, made in tiles.items()}
+    assert columns == {1: 3, 3: 3, 5: 5, 6: 3, 8: 4, 9: 5}
+    assert '<span class="ends">(81 to 110)</span>' in tiles[1]
+
+
+def test_a_command_breaks_between_words_alone() -> None:
+    command = "wakedeploy gap plan --write-reference 'a <b>.csv'"
+    made = pages.unbroken(command)
+    assert "<span>--write-reference</span>" in made
+    assert html.unescape(re.sub(r"</?span>", "", made)) == command
+
+
+def test_names_in_a_sentence_are_code_and_nothing_else_is_markup() -> None:
+    assert pages.prose("`a<b` & c") == "<code>a&lt;b</code> &amp; c"
+
+
+def test_a_chart_has_minus_signs() -> None:
+    chart = LineChart([Curve("u", [0.0, 1.0], [-2.0, 1.0])], "t [s]", "u [V]")
+    assert "−2" in [word for _, word in chart.y_ticks]
+    assert chart.lines[0][2][0][2] == "u: −2 at t [s] 0"
 
 
 def test_a_value_that_a_template_lacks_is_an_error() -> None:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.rig import Limits
+from wakedeploy.core.rig_sections import Limits
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig, default_rig_text, parse_rig, read_rig
 

@@ -95,6 +95,48 @@ def test_every_field_of_a_package_has_a_meaning(monkeypatch: pytest.MonkeyPatch)
     assert {*manifest.Manifest.model_json_schema()["properties"]} == {*manifest.MEANINGS}
 
 
+def test_sentences_are_wrapped_and_printed_tables_are_not() -> None:
+    room = extension("room")
+    assert room.may_wrap("text", "The system lacks dry friction.")
+    assert not room.may_wrap("text", "┏━━┓\n┃ a ┃")
+    assert not room.may_wrap("python", "a = 1")
+
+
+def test_an_option_of_a_command_is_kept_whole() -> None:
+    page = '<div class="highlight-sh x"><pre>a --write-it b\n</pre></div> --other'
+    whole = extension("room").options_whole(page)
+    assert whole == page.replace("--write-it", '<span class="whole">--write-it</span>')
+
+
+def test_a_table_of_long_texts_scrolls_and_one_of_numbers_does_not() -> None:
+    room = extension("room")
+    assert room.is_roomy([["x" * 50] * 4] * 3)
+    assert not room.is_roomy([["12.5 mm"] * 9] * 3)
+
+
+def test_the_first_page_has_the_tutorials_in_the_order_of_the_sidebar() -> None:
+    text = (ROOT / "docs" / "index.md").read_text("utf-8")
+    cards, _, trees = text.partition(":::{toctree}")
+    named = re.findall(r":link: (tutorials/[\w-]+)", cards)
+    assert named == re.findall(r"^tutorials/[\w-]+", trees, re.MULTILINE)
+    assert all(f"{{grid-item-card}} {name}" in cards for name in ("How to", "Results"))
+
+
+@built
+def test_figures_are_dark_where_the_page_is() -> None:
+    sheet = (SITE / "_static" / "site.css").read_text("utf-8")
+    assert 'data-theme="dark"] .content img' in sheet
+    assert "prefers-color-scheme: dark" in sheet
+
+
+def test_every_constant_of_a_rig_file_has_a_description(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs" / "site"), *sys.path])
+    rows = importlib.import_module("parts.rig_constants").markdown().splitlines()
+    cells = [[c.strip() for c in row.strip("|").split("|")] for row in rows if row[:3] == "| `"]
+    assert len(cells) > 50
+    assert [row[0] for row in cells if len(row) != 5 or len(row[-1].split()) < 3] == []
+
+
 def test_a_link_out_of_the_manual_leads_to_the_page_that_stands_for_it(tmp_path: Path) -> None:
     neighbours = extension("neighbours")
     page = ROOT / "docs" / "development" / "architecture.md"

@@ -257,7 +257,8 @@ def test_three_flights_name_and_a_fourth_has_to_confirm(flights, several) -> Non
     out, told = several(3)
     assert (told["verdict"], [e["name"] for e in told["effects"]]) == ("named", [HIDDEN])
     confirm = "Three flights say so; one more has to confirm it."
-    assert told["headline"] == f"Effect missing from the model: {HIDDEN}. {confirm}"
+    assert told["headline"].startswith("Missing from the model: ")
+    assert told["headline"].endswith(f"(`{HIDDEN}`). {confirm}")
     assert told["as_if"] == [HIDDEN]
     (command,) = told["next"]["commands"]
     assert "--seed 63" in command

@@ -13,7 +13,7 @@ pytest.importorskip("numba", reason="the 2D field is part of the [train] install
 pytest.importorskip("scipy", reason="the field's twin is part of the [train] install")
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.rig import Wake
+from wakedeploy.core.rig_sections import Wake
 from wakedeploy.physics.field import WakeField
 from wakedeploy.physics.field_grid import FieldGrid, FieldPhysics, blur_weights, drag_force_n
 from wakedeploy.physics.field_reference import ReferenceField

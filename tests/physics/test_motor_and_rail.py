@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wakedeploy.core.rig import Rail, SpoolLag
+from wakedeploy.core.rig_sections import Rail, SpoolLag
 from wakedeploy.physics.motor import EscFrame, Motor, spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2, RailBody
 from wakedeploy.rig.file import default_rig

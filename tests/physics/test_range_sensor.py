@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from wakedeploy.core.rig import Disturbance, RangeSensor
+from wakedeploy.core.rig_sections import Disturbance, RangeSensor
 from wakedeploy.physics.range_sensor import RangeSensorModel
 from wakedeploy.physics.turbulence import OrnsteinUhlenbeck
 

@@ -161,7 +161,7 @@ def power(
         click.echo(sentence)
     if out is not None:
         write_json(out / "power.json", computed.as_json())
-        click.echo(f"Page: {write_page(computed, out)}")
+        click.echo(f"Page: {write_page(computed, out, rig_path)}")
 
 
 def _is_system(system_path: Path | None, rig_path: Path | None, of_system: bool) -> bool:

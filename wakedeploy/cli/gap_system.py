@@ -183,7 +183,7 @@ def run_steps(
     from wakedeploy.gap.report.system_page import write_page
     from wakedeploy.gap.search.artefacts import Artefact, Result
     from wakedeploy.gap.systems.own_folder import CORRECTION, OwnFolder
-    from wakedeploy.gap.systems.words import sentences
+    from wakedeploy.gap.systems.words import first_screen, next_step, remarks, sentences
     from wakedeploy.gap.workflow import run
 
     page: Path | None = None
@@ -197,8 +197,13 @@ def run_steps(
             if isinstance(artefact, Result):
                 progress("drawing the report")
                 after = next_commands(artefact, system_path, measured, columns, out)
-                said = [each.strip() for each in sentences(artefact)]
-                page = write_page(artefact, out, said=said, next_commands=after)
+                page = write_page(
+                    artefact,
+                    out,
+                    answers=first_screen(artefact),
+                    remarks=remarks(artefact),
+                    next_step=(next_step(artefact), after),
+                )
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise

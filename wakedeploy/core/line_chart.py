@@ -58,12 +58,12 @@ class LineChart:
     @property
     def x_ticks(self) -> list[tuple[float, str]]:
         """Places and words below the axis."""
-        return [(self._across(x), f"{x:g}") for x in _ticks(*self._x_range)]
+        return [(self._across(x), _shown(x)) for x in _ticks(*self._x_range)]
 
     @property
     def y_ticks(self) -> list[tuple[float, str]]:
         """Places and words beside the axis."""
-        return [(self._up(y), f"{y:g}") for y in _ticks(*self._y_range)]
+        return [(self._up(y), _shown(y)) for y in _ticks(*self._y_range)]
 
     @property
     def lines(self) -> list[tuple[str, str, list[tuple[float, float, str]]]]:
@@ -76,7 +76,11 @@ class LineChart:
 
     def _dots(self, curve: Curve) -> list[tuple[float, float, str]]:
         return [
-            (self._across(x), self._up(y), f"{curve.name}: {y:.4g} at {self.x_label} {x:g}")
+            (
+                self._across(x),
+                self._up(y),
+                f"{curve.name}: {_shown(y, '.4g')} at {self.x_label} {_shown(x)}",
+            )
             for x, y in _known(curve)
         ]
 
@@ -91,6 +95,11 @@ class LineChart:
         return round(
             self.y_bottom - (self.y_bottom - self.y_top) * (y - low) / ((high - low) or 1.0), 1
         )
+
+
+def _shown(value: float, digits: str = "g") -> str:
+    """A number with a minus sign, as in sentences and tables."""
+    return format(value, digits).replace("-", "−")
 
 
 def _known(curve: Curve) -> list[tuple[float, float]]:

@@ -8,15 +8,17 @@ beside this module; what one kind of page shows is in `templates/` beside the mo
 import base64
 import functools
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 HERE = "wakedeploy.core"
+_CODE = re.compile(r"`([^`]+)`")
 _PHONE_PX = 700  # wider pictures scroll sideways on a phone rather than shrink beyond reading
 
 
@@ -87,6 +89,16 @@ def text_file(name: str) -> str:
     return (files(HERE) / "templates" / name).read_text("utf-8")
 
 
+def prose(text: str) -> Markup:
+    """A sentence whose `names` are code."""
+    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped first
+
+
+def unbroken(line: str) -> Markup:
+    """A command that breaks between its words alone: a browser also breaks behind a hyphen."""
+    return Markup(" ").join(Markup("<span>{}</span>").format(word) for word in line.split(" "))
+
+
 def _part(macro: str, value: object) -> Markup:
     parts = _environment(HERE).get_template("parts.html").module
     return Markup(getattr(parts, macro)(value))  # noqa: S704 - made by a template that escapes
@@ -103,6 +115,7 @@ def _environment(package: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters |= {"prose": prose, "unbroken": unbroken}
     script = text_file("report.js")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     environment.globals |= {

@@ -90,7 +90,7 @@ def span(low: Any, high: Any, unit: str) -> str:
 def percent(share: Any) -> str:
     """A share as a percentage."""
     known = number(share)
-    return UNKNOWN if math.isnan(known) else f"{_minus(f'{100 * known:.0f}')} %"
+    return UNKNOWN if math.isnan(known) else f"{minus(f'{100 * known:.0f}')} %"
 
 
 def confidence(share: Any) -> str:
@@ -116,6 +116,16 @@ def listed(names: Sequence[str], last: str = "and") -> str:
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
+def with_name(phrase: str, name: str) -> str:
+    """What an effect is, then its name as code; the name alone where there is no phrase."""
+    return f"{phrase} (`{name}`)" if phrase else f"`{name}`"
+
+
+def nats(gain: float) -> str:
+    """A gain in nats with a minus sign as in all other numbers: `−1.4 nats`."""
+    return f"{minus(f'{gain:.1f}')} nats"
+
+
 def counted(count: int, thing: str) -> str:
     """`1 flight`, `3 flights`."""
     return f"{count:,} {thing}{'' if count == 1 else 's'}"
@@ -133,15 +143,16 @@ def _digits(value: float, spread: float, signed: bool = False) -> str:
     else:
         decimals = 0
     if decimals > _MOST_DECIMALS and abs(value) < 10.0**-_MOST_DECIMALS:
-        return _minus(f"{value:{'+' if signed else ''}.3g}")
+        return minus(f"{value:{'+' if signed else ''}.3g}")
     decimals = min(decimals, _MOST_DECIMALS + 2)
     text = f"{value:{'+' if signed else ''},.{decimals}f}"
-    return text.lstrip("-") if float(text.replace(",", "")) == 0.0 else _minus(text)
+    return text.lstrip("-") if float(text.replace(",", "")) == 0.0 else minus(text)
 
 
 def _with_unit(text: str, unit: str) -> str:
     return f"{text} {unit}" if unit else text
 
 
-def _minus(text: str) -> str:
+def minus(text: str) -> str:
+    """A number's text with a minus sign in the place of a hyphen."""
     return text.replace("-", "−")

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.core.rig import Rig, ThrustCurve
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.rig_sections import ThrustCurve
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
 Constants = dict[str, float]

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.rig import Wake
+from wakedeploy.core.rig_sections import Wake
 from wakedeploy.physics.jet import AIR_DENSITY_KGPM3
 
 FloatArray = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.core.rig import Wake
+from wakedeploy.core.rig_sections import Wake
 
 AIR_DENSITY_KGPM3 = 1.2
 LEAST_ROOT_THRUST = 1e-3  # √(u/u_reference) below which a puff's pace no longer changes

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from wakedeploy.core.rig import SpoolLag, ThrustCurve
+from wakedeploy.core.rig_sections import SpoolLag, ThrustCurve
 
 
 def kept(lag_s: float, dt_s: float) -> float:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from wakedeploy.core.rig import Rail
+from wakedeploy.core.rig_sections import Rail
 
 GRAVITY_MPS2 = 9.81
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.core.rig import Disturbance, RangeSensor
+from wakedeploy.core.rig_sections import Disturbance, RangeSensor
 
 Height = TypeVar("Height", float, npt.NDArray[np.float64])
 

@@ -1,6 +1,5 @@
-"""Every constant of a rig file, from the model that reads it and the default file's comments."""
+"""Every constant of a rig file, from the model that reads it."""
 
-import re
 import tomllib
 from collections.abc import Iterator
 from typing import Any
@@ -13,9 +12,6 @@ from parts.markdown import plain, table
 from wakedeploy.core.rig import Rig
 from wakedeploy.core.units import unit_of
 from wakedeploy.rig.file import default_rig_text
-
-_LINE = re.compile(r"^(?:# )?(?P<name>\w+) = .*?#\s*(?P<words>.+)$")
-_HEAD = re.compile(r"^(?:# )?\[(?P<name>[\w.]+)\]$")
 
 
 def markdown() -> str:
@@ -41,14 +37,12 @@ def _section(path: str, model: type[BaseModel]) -> str:
     words = " ".join(plain(part) for part in (model.__doc__ or "").split("\n\n"))
     rows = [_row(path, name, field) for name, field in model.model_fields.items()]
     head = ["Constant", "Unit", "Default rig", "Bounds", "What"]
-    if not any(row[-1] for row in rows):
-        head, rows = head[:-1], [row[:-1] for row in rows]
     return f"## `[{path}]`\n\n{words}\n\n{table(head, rows)}"
 
 
 def _row(path: str, name: str, field: FieldInfo) -> list[str]:
     unit = "–" if isinstance(field.default, bool | dict) else unit_of(name) or "1"
-    words = plain(COMMENTS.get((path, name), ""))
+    words = plain(field.description or "")
     return [f"`{name}`", unit, _shown(_stated(path, name, field)), bounds(field) or "–", words]
 
 
@@ -69,14 +63,4 @@ def _shown(value: Any) -> str:
     return f"{value:g}"
 
 
-def _comments() -> Iterator[tuple[tuple[str, str], str]]:
-    section = ""
-    for line in default_rig_text().splitlines():
-        if head := _HEAD.match(line):
-            section = head["name"]
-        elif told := _LINE.match(line):
-            yield (section, told["name"]), told["words"]
-
-
 _DEFAULT_RIG = tomllib.loads(default_rig_text())
-COMMENTS = dict(_comments())

@@ -35,17 +35,16 @@ def asked(result) -> dict[str, str]:
 def test_what_matters_is_told_in_newtons_millimetres_and_per_cent() -> None:
     told = asked(NAMED)
     assert told["Does it matter?"] == (
-        "Yes: crosswind-offset makes 37 mN, 1.4 mm of height and 34 % of the squared forecast "
-        "error 1 s ahead."
+        "Yes: it makes 37 mN, 1.4 mm of height and 34 % of the squared forecast error 1 s ahead."
     )
-    assert told["How sure is that?"].startswith("crosswind-offset 97 %. Flights that took no part")
+    assert told["How sure is that?"].startswith("97 % sure. Flights that took no part")
     assert told["What next?"] == "Simulate and train with the corrected rig file."
 
 
 def test_what_is_too_small_leaves_the_rig_file_as_it_is() -> None:
     small = {**NAMED["effects"][0], "worth": WORTH | {"matters": False, "force_n": 0.004}}
     told = asked(NAMED | {"effects": [small]})
-    assert told["Does it matter?"].startswith("No: crosswind-offset makes 4 mN")
+    assert told["Does it matter?"].startswith("No: it makes 4 mN")
     assert told["What next?"].startswith("Nothing")
 
 
@@ -59,6 +58,24 @@ def test_where_nothing_is_missing_the_error_stands_beside_the_noise() -> None:
 def test_halves_that_disagree_ask_for_more_flights() -> None:
     assert "fly more" in asked(NAMED | {"repeated": {"agree": False}})["How sure is that?"]
     assert "says the same" in asked(NAMED | {"repeated": {"agree": True}})["How sure is that?"]
+
+
+def test_each_verdict_says_what_an_effect_does_before_its_name() -> None:
+    small = {**NAMED["effects"][0], "worth": WORTH | {"matters": False}}
+    pair = {"verdict": "class", "class": ["wake-width", "wake-decay"]}
+    near = {"verdict": "unknown", "closest": "range-drift"}
+    for result in (NAMED, NAMED | {"effects": [small]}, pair, near):
+        headline = account(summary(result)).splitlines()[0]
+        phrases = re.findall(r"([\w '-]+) \(`[\w-]+`", headline)
+        assert phrases
+        assert all(len(phrase.split()) > 5 for phrase in phrases)
+
+
+def test_of_two_effects_each_answer_has_its_name() -> None:
+    other = NAMED["effects"][0] | {"name": "range-drift"}
+    told = asked(NAMED | {"effects": [*NAMED["effects"], other]})
+    assert "`range-drift` makes 37 mN" in told["Does it matter?"]
+    assert "97 % sure of `range-drift`" in told["How sure is that?"]
 
 
 def test_of_too_few_flights_nothing_is_asked() -> None:

@@ -24,6 +24,7 @@ from wakedeploy.gap.systems.gantry.search.before_after import closed_share
 from wakedeploy.gap.wording import confidence, measured, percent, probability, quantity, span
 
 VOID = {"img", "meta"}
+LAG = "the sufferer's rotor speed follows its command with a first-order lag (`spool-lag-sufferer`)"
 
 
 class Reader(HTMLParser):
@@ -98,7 +99,8 @@ def test_every_figure_is_drawn_embedded_and_not_blank(full):
 
 def test_the_page_tells_verdict_value_and_share_closed(full):
     text = " ".join(full[1].text)
-    assert "Effect missing from the model: spool-lag-sufferer." in text
+    assert "Missing from the model: the sufferer's rotor speed follows its command" in text
+    assert "<code>spool-lag-sufferer</code>" in (full[0] / "report.html").read_text("utf-8")
     assert "52 ms (47 to 59)" in text
     assert "21.3 mm" in text
     assert "96 % of the gap closed" in text
@@ -173,10 +175,10 @@ def test_a_broken_artefact_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("verdict", "expected"),
     [
-        ("named", ["Effect missing from the model: spool-lag-sufferer.", "over 99 % sure"]),
+        ("named", [f"Missing from the model: {LAG}.", "over 99 % sure"]),
         (
             "class",
-            ["either spool-lag-sufferer or command-latency", "thrust steps at two separations"],
+            [f"either {LAG} or a command reaches", "thrust steps at two separations"],
         ),
         (
             "unknown",
@@ -203,9 +205,10 @@ def test_every_open_class_is_told():
     open_ones = [["viscous-friction", "coulomb-friction"], ["battery-sag", "range-drift"]]
     result = {"verdict": "class", "class": ["range-bias", "range-scale"], "more_classes": open_ones}
     told = account(summary(result)).splitlines()[0]
-    assert "either range-bias or range-scale; these flights cannot tell which." in told
-    assert "Besides, viscous-friction or coulomb-friction is missing." in told
-    assert "Besides, battery-sag or range-drift is missing." in told
+    assert "Missing from the model: either the range sensor reads too much" in told
+    assert "(`range-scale`); these flights cannot tell which." in told
+    assert "Besides, `viscous-friction` or `coulomb-friction` is missing." in told
+    assert "Besides, `battery-sag` or `range-drift` is missing." in told
 
 
 def test_the_account_needs_no_more_than_a_verdict():
@@ -423,7 +426,7 @@ def test_each_step_is_a_command_that_leaves_result_and_report(tmp_path, monkeypa
     told = json.loads((tmp_path / "result.json").read_text("utf-8"))
     assert json.loads((tmp_path / "told.json").read_text("utf-8")) == told
     assert (told["verdict"], told["flights"]) == ("named", 7)
-    assert told["headline"] == "Effect missing from the model: spool-lag-sufferer."
+    assert told["headline"] == f"Missing from the model: {LAG}."
     assert told["next"] is None
     assert [e["name"] for e in told["effects"]] == [e["name"] for e in left["name"]["effects"]]
     assert "Next:" not in run.output

@@ -224,7 +224,7 @@ def test_a_hidden_dead_time_is_named_and_the_corrected_model_replays(tmp_path: P
         [*command, "--measured", first.name, "--out", "gap"],
         cwd=tmp_path, check=True, capture_output=True, text=True,
     ).stdout  # fmt: skip
-    assert "The system lacks dead-time@shoulder_command." in told
+    assert "lacks a delay before shoulder_command acts (`dead-time@shoulder_command`)." in told
     rows = np.genfromtxt(second, delimiter=",", names=True)
     off = [
         _played(mujoco.MjModel.from_xml_path(str(path)), rows["shoulder_command"])

@@ -81,11 +81,12 @@ def test_the_command_names_and_writes(tmp_path):
     assert [e["name"] for e in told["effects"]] == ["spool-lag"]
     assert told["single_steps"]["down"]["median_s"] == pytest.approx(0.08, abs=0.008)
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "The baseline lacks spool-lag." in page
+    assert "The baseline lacks <code>spool-lag</code>." in page
     assert "exponential fitted to each step alone" in page
     drawn = {p.stem for p in (tmp_path / "out" / "figures").iterdir()}
     assert drawn == {"places", "ranking", "gap", "trace", "autocorrelation"}
-    assert page.count("<img") == len(drawn)
+    assert page.count("<img") == len(drawn) - 1
+    assert page.count("<svg") == 1  # the trace, whose points say their values
 
 
 def test_recorded_motors_spool_as_single_steps_say(recordings):

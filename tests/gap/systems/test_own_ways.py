@@ -99,6 +99,6 @@ def test_what_had_finished_before_it_was_stopped_is_kept(
     monkeypatch.setattr(workflow, "fitted_base", stopped)
     told = CliRunner().invoke(main, command)
     assert told.exit_code == 0, told.output
-    assert "lacks evaporation" in told.output
+    assert "lacks `evaporation`" in told.output
     assert (tmp_path / "find.json").read_bytes() == fitted
     assert 'name = "evaporation"' in (tmp_path / "correction.toml").read_text()

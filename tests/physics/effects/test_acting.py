@@ -5,7 +5,7 @@ import pytest
 from effect_rigs import CLEAN, DT_S
 from scipy.integrate import quad
 
-from wakedeploy.core.rig import SpoolLag
+from wakedeploy.core.rig_sections import SpoolLag
 from wakedeploy.physics.effects import LIBRARY, Motion
 from wakedeploy.physics.effects.acting import ActingEffects, blow, motion_along, push
 from wakedeploy.physics.effects.chain import Chain, setting_of

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.rig import Wake
+from wakedeploy.core.rig_sections import Wake
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY, STAGES, Effect, Motion, effect
 from wakedeploy.physics.effects.chain import METHODS, Chain, setting_of

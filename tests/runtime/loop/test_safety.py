@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from runtime.loop import safety
 from runtime.loop.safety import Event, Findings, Gate, Mode, SafetyState, next_mode, watch
-from wakedeploy.core.rig import Limits
+from wakedeploy.core.rig_sections import Limits
 
 LIMITS = Limits()
 

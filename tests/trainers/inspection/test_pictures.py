@@ -72,7 +72,8 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     run = trained(echo, tmp_path)
     kept = run.metrics.model_copy(update={"test": Scores(rmse={"f_n": 0.006}, r2={"f_n": 0.91})})
     run = dataclasses.replace(run, metrics=kept)
-    text = html.unescape(write_run_report(run).read_text("utf-8"))
+    words = re.sub(r"</?span>", "", write_run_report(run).read_text("utf-8"))
+    text = html.unescape(words)
     assert "It predicts f_n to within 0.006 N (RMS): well." in text
     assert "naming the mean would be off by 0.02 N" in text  # 0.02² × 0.09 = 0.006²
     assert "explains 91 % of the force's variance" in text

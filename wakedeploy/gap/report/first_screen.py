@@ -55,15 +55,16 @@ def _nothing_matters(summary: Summary) -> str:
 
 def _of_names(effects: Sequence[Effect]) -> str:
     judged = [effect for effect in effects if effect.worth is not None]
-    counts = [_costs(effect.name, effect.worth) for effect in judged if effect.matters]
+    several = len(effects) > 1
+    costs = [_costs(f"`{e.name}`" if several else "it", e.worth) for e in judged]
+    counts = [cost for effect, cost in zip(judged, costs, strict=True) if effect.matters]
     if counts:
         return f"Yes: {'; '.join(counts)}."
-    small = [_costs(effect.name, effect.worth) for effect in judged]
-    return f"No: {'; '.join(small)}." if small else ""
+    return f"No: {'; '.join(costs)}." if costs else ""
 
 
 def _costs(name: str, worth: Worth | None) -> str:
-    """`crosswind-offset makes 37 mN, 1.4 mm of height and 34 % of the squared forecast error`."""
+    """`it makes 37 mN, 1.4 mm of height and 34 % of the squared forecast error`."""
     if worth is None:
         return ""
     costs = [force_words(worth.force_n)]
@@ -95,8 +96,11 @@ def _names_sure(summary: Summary) -> list[str]:
     if unconfirmed(flight_count(summary)):
         return ["No flight was kept apart to confirm it."]
     known = [effect for effect in summary.effects if not math.isnan(effect.confidence)]
-    sure = [f"{effect.name} {confidence(effect.confidence)}" for effect in known]
-    sentences = [f"{listed(sure)}."] if sure else []
+    several = len(summary.effects) > 1
+    sure = listed(
+        [f"{confidence(e.confidence)} sure{f' of `{e.name}`' if several else ''}" for e in known]
+    )
+    sentences = [f"{sure[:1].upper()}{sure[1:]}."] if sure else []
     if all(effect.worth is not None and effect.worth.confirmed for effect in summary.effects):
         apart = sealed_count(flight_count(summary))
         subject, verb = ("Flights", "bear") if apart != 1 else ("A flight", "bears")
@@ -105,7 +109,8 @@ def _names_sure(summary: Summary) -> list[str]:
 
 
 def _class_sure(summary: Summary) -> list[str]:
-    return [f"One of {listed(summary.rivals, 'or')} is there; which, is open."]
+    several = "The two" if len(summary.rivals) == 2 else f"These {len(summary.rivals)}"
+    return [f"{several} look alike on these flights; one of them is there; which, is open."]
 
 
 def _unknown_sure(summary: Summary) -> list[str]:

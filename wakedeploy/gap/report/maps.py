@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 SIGNIFICANT = 0.05
 BEFORE, AFTER = figures.LIMIT, figures.PREDICTED  # in every figure that compares the two models
 _MOST_MAPS = 12
+MOST_PLACES = 6  # panels of the figure before and after
 _COLUMNS = 3
 _WIDTH_IN = 7.5
 _LONG_LABEL = 18  # characters that fit beside a panel
@@ -50,11 +51,16 @@ def draw_maps(maps: Sequence[Map]) -> "Figure | None":
     return drawn
 
 
-def draw_places(places: Sequence[Profile]) -> "Figure | None":
-    """The error per bin of each coordinate, before and after; the six that change most."""
+def drawable_places(places: Sequence[Profile]) -> list[Profile]:
+    """Each channel over each coordinate once, those that change most first."""
     drawable = [place for place in places if _change(place) > -math.inf]
     once = {(place.channel, place.coordinate): place for place in reversed(drawable)}
-    shown = sorted(once.values(), key=_change, reverse=True)[:6]
+    return sorted(once.values(), key=_change, reverse=True)
+
+
+def draw_places(places: Sequence[Profile]) -> "Figure | None":
+    """The error per bin of each coordinate, before and after; the six that change most."""
+    shown = drawable_places(places)[:MOST_PLACES]
     if not shown:
         return None
     drawn, panels = _panels(len(shown), height_in=1.9)

@@ -5,22 +5,23 @@ In: an answer, and its effects with `worth`. Out: sentences.
 
 import math
 
+from wakedeploy.gap.report.phrases import plain
 from wakedeploy.gap.search.artefacts import Forecast
 from wakedeploy.gap.systems.gantry.findings import Answer, Effect, Expression, Half, Worth
-from wakedeploy.gap.wording import listed, percent, quantity, span
+from wakedeploy.gap.wording import listed, nats, percent, quantity, span
 
 _NEAR, _FAR = "0.25 s ahead", "1 s ahead"
 _LEAST_N = 0.0005  # below it, it is an error of a reading
 NOTHING = "Nothing that matters is missing from the model"
 
 
-def small_clause(answer: Answer) -> str:
-    """`X is there, too small to matter here (1.9 %)`; "" where nothing is."""
+def small_sentence(answer: Answer) -> str:
+    """`There, but too small to matter here: …` with the share that each removes; "" for none."""
     small = [effect for effect in answer.effects if not effect.matters]
     if not small:
         return ""
-    names = [f"{effect.name} ({removed_words(effect.worth)})" for effect in small]
-    return f"{listed(names)} {'are' if small[1:] else 'is'} there, too small to matter here"
+    names = [f"{plain(effect.name)}, {removed_words(effect.worth)}" for effect in small]
+    return f"There, but too small to matter here: {'; '.join(names)}."
 
 
 def form_sentences(answer: Answer) -> list[str]:
@@ -171,7 +172,7 @@ def _digits(share: float) -> str:
 
 
 def _by(effect: Effect) -> str:
-    return "" if math.isnan(effect.gain_nats) else f" by {effect.gain_nats:.1f} nats"
+    return "" if math.isnan(effect.gain_nats) else f" by {nats(effect.gain_nats)}"
 
 
 def _placebo(worth: Worth | None) -> str:

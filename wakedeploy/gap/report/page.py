@@ -211,13 +211,14 @@ def draw_pictures(steps: Steps, folder: Path) -> dict[str, pages.Picture]:
 
 def _opening(steps: Steps, out: Path) -> dict[str, Any]:
     """The first screen, the numbers that matter, what comes next; then the account in detail."""
-    summary = steps.summary
+    summary, verdict = steps.summary, verdict_sentence(steps.summary)
+    after = advice(steps, out)
     return {
         "flights": _flights(steps),
-        "verdict": verdict_sentence(summary),
-        "answers": first_screen(summary),
+        "verdict": verdict,
+        "answers": [verdict, *(f"{question} {told}" for question, told in first_screen(summary))],
         "tile_pairs": _tiles(summary),
-        "next": advice(steps, out),
+        "next": None if after is None else (f"Next step: {after.why}.", after.commands),
         "evidence": evidence(summary),
     }
 

@@ -16,9 +16,17 @@ from wakedeploy.gap.wording import (
     quantity,
     span,
     spoken,
+    with_name,
 )
+from wakedeploy.physics.effects import LIBRARY
 
 _STATED_Q = re.compile(r",? ?\(?q [=<] [0-9.e-]+\)?$")  # at the end of a place's own words
+
+
+def plain(name: str) -> str:
+    """An effect of the library in words before its name: what it does, and `range-drift`."""
+    clause = LIBRARY[name].physics.partition(";")[0].rstrip(".") if name in LIBRARY else ""
+    return with_name(f"{clause[:1].lower()}{clause[1:]}", name)
 
 
 def place_words(place: Place) -> str:

@@ -3,6 +3,7 @@
 In: a `Power`. Out: figures as PNG, and one self-contained HTML page.
 """
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,12 +12,14 @@ import numpy as np
 
 from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
+from wakedeploy.gap.report.phrases import plain
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.planning.plan import MARGIN_NATS
 from wakedeploy.gap.systems.gantry.planning.power import EffectPower, Power
 from wakedeploy.gap.systems.gantry.planning.rates import SURE
 from wakedeploy.gap.systems.gantry.planning.sensors import SENSORS
 from wakedeploy.gap.systems.gantry.planning.tracking import CONTROLLER
+from wakedeploy.gap.wording import minus, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,8 +57,11 @@ _CAPTIONS = {
 _MUCH_IMITATED = 0.2  # of an effect's nats
 
 
-def write_page(power: Power, folder: Path) -> Path:
-    """Draw the figures into `folder`/figures and write `folder`/power.html; its path."""
+def write_page(power: Power, folder: Path, rig: Path | None = None) -> Path:
+    """Draw the figures into `folder`/figures and write `folder`/power.html; its path.
+
+    `rig` is the rig file that was asked about, for the commands; None is the default rig.
+    """
     drawn = {
         "sizes": draw_sizes(power),
         "sensors": draw_sensors(power),
@@ -68,7 +74,9 @@ def write_page(power: Power, folder: Path) -> Path:
         figures.save(figure, path)
         pictures[name] = pages.Picture(path, _CAPTIONS[name])
     path = folder / "power.html"
-    text = pages.page("wakedeploy.gap.report", "power.html", pictures=pictures, **_contents(power))
+    text = pages.page(
+        "wakedeploy.gap.report", "power.html", pictures=pictures, **_contents(power, rig)
+    )
     write_text_whole(path, text)
     return path
 
@@ -82,7 +90,8 @@ def sentences(power: Power) -> list[str]:
         f"found but left in a class, and {count['too small']} are too small to be sure of."
     ]
     for group in power.classes:
-        sentences.append(f"Together in a class: {', '.join(group)}.")
+        members = _listed([plain(name) for name in group])
+        sentences.append(f"Together in a class: {members}.")
     bought = power.purchase
     if bought is None:
         sentences.append("No sensor of the menu would name another effect.")
@@ -99,7 +108,7 @@ def sentences(power: Power) -> list[str]:
         if costly.cost_mm is None
         else (f"adds {costly.cost_mm:.0f} mm to a tracking error of {power.tracking_mm:.1f} mm")
     )
-    sentences.append(f"Ignoring {costly.name} costs most: it {cost}.")
+    sentences.append(f"What costs most to ignore: {plain(costly.name)}. It {cost}.")
     return sentences + _imitated(power)
 
 
@@ -126,7 +135,7 @@ def rows(power: Power) -> list[list[str]]:
             _MEANING[e.verdict] if e.verdict != "class" else f"class with {_listed(e.rivals)}",
             "never" if e.minutes is None else f"{e.minutes:.1f}",
             _advice(e),
-            "fails" if e.cost_mm is None else f"{e.cost_mm:+.1f}",
+            "fails" if e.cost_mm is None else minus(f"{e.cost_mm:+.1f}"),
         ]
         for e in power.effects
     ]
@@ -157,7 +166,8 @@ def _advice(e: EffectPower) -> str:
 def _amount(value: float | None, unit: str) -> str:
     if value is None:
         return "never"
-    return f"{value:.2g}" if unit == "1" else f"{value:.2g} {unit}"
+    text = minus(f"{value:.2g}")
+    return text if unit == "1" else f"{text} {unit}"
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -268,7 +278,45 @@ def _explain_colours(drawn: "Figure") -> None:
     drawn.legend(handles=handles, loc="outside upper left", ncols=3, fontsize=7.5)
 
 
-def _contents(power: Power) -> dict[str, Any]:
+def next_step(power: Power, rig: Path | None) -> tuple[str, list[str]]:
+    """What to do before flying, or that flying will do; why, and commands to copy."""
+    given = f" --rig {'rig.toml' if rig is None else shlex.quote(str(rig))}"
+    first = ["wakedeploy rig init rig.toml"] if rig is None else []
+    if power.classes:
+        members = " ".join(f"--class {name}" for name in power.classes[0])
+        return (
+            "Next step: look for the manoeuvre that tells a class apart, and fly it with the "
+            "others.",
+            [*first, f"wakedeploy gap plan{given} {members} --write-reference manoeuvre.csv"],
+        )
+    if not any(each.verdict == "named" for each in power.effects):
+        more = f"--flights {2 * power.flights} --seconds {power.seconds:g}"
+        return (
+            "Next step: ask what more flights would tell, before flying any.",
+            [*first, f"wakedeploy gap power{given} {more}"],
+        )
+    fly = f"--port /dev/ttyACM0 --seconds {power.seconds:g} --seed 1 --log flights"
+    return (
+        f"Next step: fly {power.flights} of these, each with another seed, and ask what is "
+        "missing.",
+        [
+            *first,
+            f"wakedeploy run-gantry --baseline{given} {fly}",
+            f"wakedeploy gap close{given} --measured flights/*.mcap --out gap",
+        ],
+    )
+
+
+def _tiles(power: Power) -> list[tuple[str, str]]:
+    count = {v: sum(e.verdict == v for e in power.effects) for v in _MEANING}
+    return [
+        ("effects asked about", str(len(power.effects))),
+        *((_MEANING[v], str(count[v])) for v in _MEANING),
+        ("tracking error without any of them", quantity(1e-3 * power.tracking_mm, "m")),
+    ]
+
+
+def _contents(power: Power, rig: Path | None) -> dict[str, Any]:
     """What the page says."""
     sensors = ["sensor", "what it is", "noise", "gain known to", "about"]
     classes = ["class", "cheapest sensor that names each", "what splits it"]
@@ -276,6 +324,8 @@ def _contents(power: Power) -> dict[str, Any]:
         "title": "What these flights can tell",
         "subtitle": _subtitle(power),
         "sentences": sentences(power),
+        "tile_pairs": _tiles(power),
+        "next": next_step(power, rig),
         "effects": pages.Table(COLUMNS, rows(power)),
         "sensors": pages.Table(sensors, _sensor_rows()),
         "classes": pages.Table(classes, _class_rows(power)),

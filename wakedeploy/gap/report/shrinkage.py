@@ -10,7 +10,7 @@ from wakedeploy.gap.few_flights import cannot_tell, in_words
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.artefacts import Summary
 from wakedeploy.gap.systems.gantry.findings import Gap
-from wakedeploy.gap.wording import counted, listed, measured, percent, quantity
+from wakedeploy.gap.wording import counted, listed, measured, minus, nats, percent, quantity
 
 FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
 _HARDLY = 0.98  # of the error before; an error after beyond that asks for an explanation
@@ -101,14 +101,14 @@ def _instead(summary: Summary) -> list[str]:
         bent = f"a calibration bent in {listed(hiding)}"
         sentence = f"Before, {bent} had hidden what was found from this forecast"
         against = "against such a calibration, "
-    nats = summary.log_density_gain_nats
-    if math.isnan(nats):
+    gain = summary.log_density_gain_nats
+    if math.isnan(gain):
         return [f"{sentence}."]
-    speaks = f"hardly speaks for it ({nats:.1f} nats)"
-    if nats > RULES.speaks_nats:
-        speaks = f"speaks for it by {nats:.1f} nats"
-    elif nats < 0.0:
-        speaks = f"does not speak for it ({quantity(nats, 'nats')})"
+    speaks = f"hardly speaks for it ({nats(gain)})"
+    if gain > RULES.speaks_nats:
+        speaks = f"speaks for it by {nats(gain)}"
+    elif gain < 0.0:
+        speaks = f"does not speak for it ({quantity(gain, 'nats')})"
     return [f"{sentence}; {against}the likelihood of the same flights {speaks}."]
 
 
@@ -161,7 +161,7 @@ def placebo(summary: Summary) -> list[str]:
     change = f"{quantity(wrong.before, wrong.unit)} to {quantity(wrong.after, wrong.unit)}"
     gain, found = wrong.gain_nats, wrong.found_gain_nats
     if not math.isnan(gain + found):
-        change += f"; gain {gain:.1f} nats, of what was found {found:.1f}"
+        change += f"; gain {nats(gain)}, of what was found {minus(f'{found:.1f}')}"
     start = f"A placebo, the best wrong effect {wrong.name} in its place,"
     if not wrong.helps:
         return [f"{start} does not help ({change})."]

@@ -3,10 +3,13 @@
 In: the summary of a folder. Out: sentences.
 """
 
+from collections.abc import Sequence
+
 from wakedeploy.gap.few_flights import cannot_tell, headline, in_words, unconfirmed
 from wakedeploy.gap.report.evidence import evidence
 from wakedeploy.gap.report.first_screen import first_screen
-from wakedeploy.gap.report.mattering import NOTHING, small_clause
+from wakedeploy.gap.report.mattering import NOTHING, small_sentence
+from wakedeploy.gap.report.phrases import plain
 from wakedeploy.gap.report.shrinkage import flight_count
 from wakedeploy.gap.systems.gantry.artefacts import Summary
 from wakedeploy.gap.wording import DETAILS, listed
@@ -44,8 +47,8 @@ def _verdict_of(summary: Summary) -> str:
     if summary.verdict == "unknown" and summary.beside:
         return "Something is missing from the model, and known effects explain only a part of it."
     if summary.verdict == "unknown" and summary.closest:
-        near = f"the known effect that comes nearest, {summary.closest}, explains too little of it"
-        return f"Something is missing from the model; {near}."
+        near = "The known effect that comes nearest explains too little of it: "
+        return f"Something is missing from the model. {near}{plain(summary.closest)}."
     if summary.verdict == "unknown":
         return "Something is missing from the model, and no known effect explains it."
     if summary.verdict == "none":
@@ -60,23 +63,26 @@ def _was_judged(summary: Summary) -> bool:
 
 def _named_sentence(summary: Summary) -> str:
     """The effects that matter, and those that are there and do not."""
-    names = [effect.name for effect in summary.to_add]
-    small = small_clause(summary)
-    if not names:
-        return f"{NOTHING}: {small}."
-    several = "Effects" if len(names) > 1 else "Effect"
-    also = f" Besides, {small}." if small else ""
-    return f"{several} missing from the model: {listed(names)}.{also}"
+    effects = [plain(effect.name) for effect in summary.to_add]
+    small = small_sentence(summary)
+    if not effects:
+        return f"{NOTHING}. {small}"
+    return f"Missing from the model: {listed(effects)}. {small}".rstrip()
 
 
 def _class_sentence(summary: Summary) -> str:
     """What is sure, the class, what is nearly as near, and what else is missing."""
-    sure = [effect.name for effect in summary.effects if effect.name not in summary.rivals]
-    several = "either" if len(summary.rivals) == 2 else "one of"
-    members = f"{several} {listed(summary.rivals, 'or')}; these flights cannot tell which."
+    sure = [plain(effect.name) for effect in summary.effects if effect.name not in summary.rivals]
+    several = "either" if len(summary.rivals) == 2 else "one of these,"
+    rivals = [plain(name) for name in summary.rivals]
+    members = f"{several} {listed(rivals, 'or')}; these flights cannot tell which."
     known = f"{listed(sure)}, and " if sure else ""
     others = summary.others
-    more = f" {listed(others).capitalize()} would do nearly as well." if others else ""
-    classes = [listed(each, "or") for each in summary.more_classes if each]
+    more = f" {listed(_code(others))} would do nearly as well." if others else ""
+    classes = [listed(_code(each), "or") for each in summary.more_classes if each]
     besides = "".join(f" Besides, {each} is missing." for each in classes)
     return f"Missing from the model: {known}{members}{more}{besides}"
+
+
+def _code(names: Sequence[str]) -> list[str]:
+    return [f"`{name}`" for name in names]

@@ -47,11 +47,11 @@ def draw_trace(trace: Trace) -> "Figure | None":
             axes.plot(time_s, whole, color=colour, label=label, **style)
         axes.set_ylabel(labelled(name, course.unit))
     _legend(drawn, grid[0, 0])
-    grid[-1, 0].set_xlabel(f"time in {_episode(trace.episode)} [s]")
+    grid[-1, 0].set_xlabel(f"time in {episode_words(trace.episode)} [s]")
     return drawn
 
 
-def _episode(name: str) -> str:
+def episode_words(name: str) -> str:
     """An episode as a person reads it; a log is cut into numbered blocks."""
     block = re.fullmatch(r"(.+) (\d+)/(\d+)", name)
     return f"block {block[2]} of {block[3]} of {block[1]}" if block else name

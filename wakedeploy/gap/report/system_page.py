@@ -4,44 +4,65 @@ In: a `Result`, as domain.json has it. Out: `report.html` and `figures/*.png` in
 May import what `wakedeploy.gap` may.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
+from wakedeploy.core.line_chart import Curve, LineChart
 from wakedeploy.gap.report import system_charts
 from wakedeploy.gap.report.charts import draw_gaps, draw_ranking
-from wakedeploy.gap.report.maps import draw_places
+from wakedeploy.gap.report.maps import MOST_PLACES, draw_places, drawable_places, labelled
 from wakedeploy.gap.report.phrases import place_words
 from wakedeploy.gap.report.tables import ranking_table, whiteness
-from wakedeploy.gap.search.artefacts import LabelAudit, Ranked, Result, Round, SingleSteps
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.artefacts import (
+    LabelAudit,
+    Ranked,
+    Result,
+    Round,
+    SingleSteps,
+    Trace,
+)
 from wakedeploy.gap.systems.gantry import findings as drawn
 from wakedeploy.gap.systems.gantry.artefacts import Profile
 from wakedeploy.gap.systems.gantry.findings import Gap
-from wakedeploy.gap.wording import DETAILS, counted, listed, measured, number, probability, quantity
+from wakedeploy.gap.systems.kinds.library import plain
+from wakedeploy.gap.systems.words import removed_words
+from wakedeploy.gap.wording import (
+    counted,
+    listed,
+    measured,
+    nats,
+    number,
+    numbers,
+    probability,
+    quantity,
+    spoken,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PLACES = 12
 _CAPTIONS = {
-    "places": (
-        "The mean residual on the sealed blocks over every coordinate, before and after; the six "
-        "that change most."
-    ),
     "ranking": (
         "What each effect gains on blocks that it was not fitted to, with 90 % intervals over "
         "the blocks. Left of the threshold is what simulations of the baseline gain by chance. "
         "Orange: accepted; blue: above the threshold and not chosen."
     ),
     "gap": "Error per channel, noise not removed.",
-    "trace": "The sealed block whose error fell by the median share.",
     "autocorrelation": (
         "Whitened innovations of the fitted blocks: noise alone stays within the band 19 times "
         "in 20."
     ),
 }
+
+_TRACE = "The sealed block whose error fell by the median share. Point at a curve for a value."
 
 Drawing = Callable[[], "Figure | None"]
 
@@ -50,23 +71,29 @@ def write_page(
     result: Result,
     out: Path,
     *,
-    said: Sequence[str] = (),
-    next_commands: Sequence[str] = (),
+    answers: Sequence[str] = (),
+    remarks: Sequence[str] = (),
+    next_step: tuple[str, Sequence[str]] | None = None,
 ) -> Path:
     """Draw the figures and write `report.html` into `out`; returns the page's path.
 
-    `said` is the answer in sentences, where there is more to say than the verdict; those after
-    `DETAILS` stand below. `next_commands` stand on the page, to copy.
+    `answers` are the first screen, where there is more to say than the verdict, `remarks` what
+    stands in no table. `next_step` is a sentence, and commands to copy.
 
     Raises UnusableInput when the page or a figure cannot be written.
     """
     title = f"Simulation against measurement: {result.domain}"
     accounts = [_account(title, result, out, "")]
+    accounts[0]["remarks"] = remarks
+    if next_step is not None:
+        why, commands = next_step
+        accounts[0]["next"] = (f"Next step: {why[:1].lower()}{why[1:]}", commands)
+    if answers:
+        accounts[0]["answers"] = answers
     if result.far is not None:
         accounts.append(_account("The same, where no wake is", result.far, out, "far_"))
     contents = {"title": title, "accounts": accounts, "further": _further(result, out)}
-    details = list(said).index(DETAILS) if DETAILS in said else len(said)
-    contents |= {"next": next_commands, "said": said[:details], "details": said[details + 1 :]}
+    contents["trace_caption"] = _TRACE
     path = out / "report.html"
     write_text_whole(path, pages.page("wakedeploy.gap.report", "system.html", **contents))
     return path
@@ -74,8 +101,9 @@ def write_page(
 
 def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, Any]:
     """Verdict, where, which, how much smaller."""
+    profiles = [Profile(**dict(each)) for each in result.shown.places]
     drawings: dict[str, Drawing] = {
-        "places": lambda: draw_places([Profile(**dict(each)) for each in result.shown.places]),
+        "places": lambda: draw_places(profiles),
         "ranking": lambda: draw_ranking(_rounds(result.rounds), found, result.rivals),
         "gap": lambda: draw_gaps({n: Gap(**dict(each)) for n, each in result.gap.items()}),
         "trace": lambda: system_charts.draw_trace(result.shown.trace),
@@ -85,23 +113,26 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
     }
     found = [effect.name for effect in result.effects]
     folder, blocks = out / "figures", counted(len(result.episodes), "block")
+    captions = _CAPTIONS | {"places": _caption_of_places(profiles), "trace": _TRACE}
     return {
         "title": title,
         "counts": (
             f"{blocks} of recordings, {len(result.sealed)} of them sealed: kept apart while the "
             "search ran, to show the answer on."
         ),
-        "verdict": _verdict(result),
+        "answers": [_verdict(result)],
+        "tile_pairs": _tiles(result),
+        "next": None,
+        "remarks": (),
         "sizes": _sizes(result),
+        "where": _where(result),
         "places": _places(result),
         "alone": _alone(result.rounds),
         "placebo": _placebo(result),
-        "white": [
-            whiteness(result.white.before, "the baseline"),
-            whiteness(result.white.after, "the baseline with what was found"),
-        ],
+        "charts": _charts(result.shown.trace),
+        "white": _white(result),
         "pictures": {
-            name: _picture(folder / f"{prefix}{name}.png", _CAPTIONS[name], drawing)
+            name: _picture(folder / f"{prefix}{name}.png", captions[name], drawing)
             for name, drawing in drawings.items()
         },
     }
@@ -109,22 +140,118 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
 
 def _verdict(result: Result) -> str:
     rivals = result.rivals
-    too_many = f"The baseline lacks one of {listed(rivals, 'or')}: too many to call it a class."
+    several = listed([plain(name) for name in rivals], "or")
+    too_many = f"The baseline lacks one of these: {several}. They are too many to call it a class."
     return {
-        "named": f"The baseline lacks {listed([e.name for e in result.effects])}.",
-        "class": f"The baseline lacks one of {listed(rivals, 'or')}: they cannot be told apart.",
+        "named": f"The baseline lacks {listed([plain(e.name) for e in result.effects])}.",
+        "class": f"The baseline lacks one of these: {several}. They cannot be told apart.",
         "unknown": too_many if rivals else "The baseline lacks what no single effect explains.",
         "none": "Nothing is missing from the baseline beyond noise.",
     }[result.verdict]
 
 
-def _sizes(result: Result) -> pages.Table:
-    rows = [
-        [effect.name, name, measured(size.value, size.low, size.high, size.unit)]
+def _tiles(result: Result) -> list[tuple[str, str]]:
+    """Sizes, and the error before and after; of nothing found the error alone."""
+    several = len(result.effects) > 1
+    tiles = [
+        (
+            f"{effect.name}, {spoken(name)}" if several else spoken(name),
+            measured(size.value, size.low, size.high, size.unit),
+        )
         for effect in result.effects
         for name, size in effect.parameters.items()
     ]
-    return pages.Table(["effect", "parameter", "value (90 % interval)"], rows)
+    for name, error in result.gap.items():
+        before, after = quantity(error.before, error.unit), quantity(error.after, error.unit)
+        if result.effects:
+            tiles += [(f"error of {name}, before", before), (f"error of {name}, after", after)]
+        else:
+            tiles.append((f"error of {name}", before))
+    return tiles
+
+
+def _sizes(result: Result) -> pages.Table:
+    rows = [
+        [
+            effect.name,
+            name,
+            measured(size.value, size.low, size.high, size.unit),
+            removed_words(effect.forecast),
+        ]
+        for effect in result.effects
+        for name, size in effect.parameters.items()
+    ]
+    columns = ["effect", "parameter", "value (90 % interval)", "removes of the squared error"]
+    return pages.Table(columns, rows)
+
+
+def _caption_of_places(profiles: Sequence[Profile]) -> str:
+    caption = "The mean residual on the sealed blocks, before and after, over "
+    more = len(drawable_places(profiles)) > MOST_PLACES
+    return f"{caption}{'the coordinates where it changes most' if more else 'every coordinate'}."
+
+
+def _where(result: Result) -> str:
+    """What the table says, by the threshold by which it was made; or why there is none."""
+    threshold = f"q ≤ {RULES.false_discoveries:g}"
+    if result.where:
+        several = len(result.where) > 1
+        count = counted(len(result.where), "place")
+        return f"{count} stand{'' if several else 's'} out ({threshold})."
+    least = min((each.q_value for each in result.maps), default=math.nan)
+    clearest = "" if math.isnan(least) else f"; the clearest has {probability('q', least)}"
+    nothing = f"No single place stands out ({threshold}{clearest})."
+    largest = [
+        f"{quantity(error, unit)} ({name})"
+        for name, (error, unit) in _largest_means(result).items()
+    ]
+    if result.verdict == "none" or not largest:
+        return nothing
+    return (
+        f"{nothing} They disagree all the same: the mean residual over a part of a coordinate "
+        f"reaches {listed(largest)}, and follows no coordinate clearly."
+    )
+
+
+def _largest_means(result: Result) -> dict[str, tuple[float, str]]:
+    """By channel, the largest mean residual over a part of a coordinate, with its unit."""
+    largest: dict[str, tuple[float, str]] = {}
+    for place in result.shown.places:
+        means = np.abs(numbers(place.before))
+        if len(means) and bool(np.isfinite(means).any()):
+            known = largest.get(place.channel, (0.0, ""))[0]
+            largest[place.channel] = (max(known, float(np.nanmax(means))), place.unit)
+    return largest
+
+
+def _white(result: Result) -> list[str]:
+    """Whether noise is left before and after; a fit without the effect takes it for noise."""
+    before, after = result.white.before, result.white.after
+    sentences = [
+        whiteness(before, "the baseline"),
+        whiteness(after, "the baseline with what was found") if result.effects else "",
+    ]
+    if result.effects and before.passes:
+        sentences[0] += (
+            " Its noise was fitted with the effect missing, and is as wide as that asks."
+        )
+    return sentences
+
+
+def _charts(trace: Trace) -> list[LineChart]:
+    """Measured and forecast, by channel."""
+    return [
+        LineChart(
+            [
+                Curve("measured", trace.time_s, course.measured),
+                Curve("baseline", trace.time_s, course.before),
+                Curve("with what was found", trace.time_s, course.after),
+            ],
+            f"time in {system_charts.episode_words(trace.episode)} [s]",
+            labelled(name, course.unit),
+        )
+        for name, course in trace.channels.items()
+    ]
 
 
 def _places(result: Result) -> pages.Table | None:
@@ -188,8 +315,8 @@ def _placebo(result: Result) -> str:
     ]
     return (
         f"The best other effect instead, {placebo.name}: {'; '.join(errors)}. On the sealed "
-        f"blocks it gains {placebo.sealed_gain_nats:.1f} nats, what was found "
-        f"{result.sealed_gain_nats:.1f}."
+        f"blocks it gains {nats(placebo.sealed_gain_nats)}, what was found "
+        f"{nats(result.sealed_gain_nats)}."
     )
 
 

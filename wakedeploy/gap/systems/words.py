@@ -1,23 +1,27 @@
 """What a step found in a user's system, as sentences for a terminal.
 
 The verdict and three answers come first, for which nobody needs statistics: does it matter, how
-sure is that, what next. The numbers stand below them.
+sure is that, what next. The numbers stand below them. A page shows the same first screen, tables in
+the place of the numbers, and the remarks.
 """
 
 from wakedeploy.gap.search.artefacts import Answer, Artefact, Disagreements, Forecast, Result, Size
 from wakedeploy.gap.search.judging import ACCEPTED, CHANCE, UNSEEN_WORSE
+from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.wording import (
     DETAILS,
     UNKNOWN,
     counted,
     listed,
     measured,
+    minus,
     percent,
     quantity,
 )
 
 FURTHER_LOG = "new"  # stands in commands for a log that was not searched
 _MOST_PLACES, _MOST_RANKED = 6, 5
+_MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
 
 def sentences(artefact: Artefact) -> list[str]:
@@ -25,22 +29,26 @@ def sentences(artefact: Artefact) -> list[str]:
     if isinstance(artefact, Disagreements) and not isinstance(artefact, Result):
         return _found(artefact)
     assert isinstance(artefact, Answer)
-    detail = [*_effects(artefact), *_unexplained(artefact), *_rejected(artefact)]
+    detail = [*_effects(artefact), *(f"  {remark}" for remark in remarks(artefact))]
     if not isinstance(artefact, Result):
-        return [_verdict(artefact), *_moved(artefact), *detail]
+        return [*_verdict(artefact), *detail]
     detail += _gap(artefact)
-    answers = [
-        f"Does it matter? {_importance(artefact)}",
-        f"How sure is that? {_certainty(artefact)}",
-        f"What next? {_next(artefact)}",
-    ]
+    return [*first_screen(artefact), *([DETAILS] if detail else []), *detail]
+
+
+def first_screen(result: Result) -> list[str]:
+    """The verdict, and three answers."""
     return [
-        _verdict(artefact),
-        *_moved(artefact),
-        *answers,
-        *([DETAILS] if detail else []),
-        *detail,
+        *_verdict(result),
+        f"Does it matter? {_importance(result)}",
+        f"How sure is that? {_certainty(result)}",
+        f"What next? {next_step(result)}",
     ]
+
+
+def remarks(answer: Answer) -> list[str]:
+    """What stands in no table: fits that were stopped, what is left, what was not named and why."""
+    return [*_unsettled(answer), *_unexplained(answer), *_rejected(answer)]
 
 
 def _found(disagreements: Disagreements) -> list[str]:
@@ -50,17 +58,23 @@ def _found(disagreements: Disagreements) -> list[str]:
     lines = [f"They disagree in {len(places)} places; the clearest:"]
     for p in places[:_MOST_PLACES]:
         lines.append(
-            f"  {p.channel}: {p.residual:+.3g} {p.unit} where {p.coordinate} is "
-            f"{p.low:.3g} to {p.high:.3g} {p.coordinate_unit}"
+            f"  {p.channel}: {_signed(p.residual)} {p.unit} where {p.coordinate} is "
+            f"{minus(f'{p.low:.3g} to {p.high:.3g}')} {p.coordinate_unit}"
         )
     return lines
 
 
-def _verdict(answer: Answer) -> str:
+def _verdict(answer: Answer) -> list[str]:
+    """What the system lacks, and what speaks against that."""
+    return [_lacking(answer), *_moved(answer)]
+
+
+def _lacking(answer: Answer) -> str:
     if answer.verdict == "class":
-        return f"The system lacks one of {listed(answer.rivals, 'or')}: the logs cannot say which."
+        rivals = listed([plain(name) for name in answer.rivals], "or")
+        return f"The system lacks one of these: {rivals}. The logs cannot say which."
     if answer.verdict == "named":
-        return f"The system lacks {listed([e.name for e in answer.effects])}."
+        return f"The system lacks {listed([plain(e.name) for e in answer.effects])}."
     if answer.verdict == "none":
         return "Nothing that matters is missing from the system."
     if answer.is_outdone:
@@ -69,7 +83,8 @@ def _verdict(answer: Answer) -> str:
             "equations are wrong by more than an effect."
         )
     if answer.rivals:
-        return f"Something is missing; these explain it about as well: {listed(answer.rivals)}."
+        rivals = listed([plain(name) for name in answer.rivals])
+        return f"Something is missing; these explain it about as well: {rivals}."
     return "Something acts on the system that no known effect explains."
 
 
@@ -81,7 +96,8 @@ def _importance(result: Result) -> str:
         ahead += f" {quantity(result.forecast_s, 's')} ahead"
     if result.effects:
         names = [e.name for e in result.effects]
-        beside = "it" if result.verdict == "named" and len(names) == 1 else listed(names)
+        several = listed([f"`{name}`" for name in names])
+        beside = "it" if result.verdict == "named" and len(names) == 1 else several
         errors = [
             f"{name} by {quantity(error.before, error.unit)}, with {beside} by "
             f"{quantity(error.after, error.unit)}"
@@ -108,16 +124,17 @@ def _certainty(result: Result) -> str:
         evident = any(c.gain_nats > r.threshold_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
+    left = "" if result.white.after.passes else f" {_MORE_IS_LEFT}"
     if result.verdict == "class":
-        return f"{beyond} Which of them it is, is open."
+        return f"{beyond} Which of them it is, is open.{left}"
     found = f"Found on {counted(fitted, 'block')} of the logs"
     apart = f"readings of {counted(sealed, 'block')} kept apart"
     if result.sealed_gain_nats > 0.0:
-        return f"{beyond} {found}; the {apart} bear it out."
+        return f"{beyond} {found}; the {apart} bear it out.{left}"
     return f"{beyond} {found}; the {apart} do not confirm it: record more."
 
 
-def _next(result: Result) -> str:
+def next_step(result: Result) -> str:
     """What to do; the commands stand below."""
     if result.moved:
         return "Check those constants and units before anything else."
@@ -140,7 +157,7 @@ def _next(result: Result) -> str:
 
 def _moved(answer: Answer) -> list[str]:
     return [
-        f"  Doubt this: it holds only with {name} {abs(spreads):.0f} of its spreads away from what "
+        f"Doubt this: it holds only with {name} {abs(spreads):.0f} of its spreads away from what "
         "the system states. Check its unit, and those of the log's columns."
         for name, spreads in answer.moved.items()
     ]
@@ -150,13 +167,17 @@ def _effects(answer: Answer) -> list[str]:
     lines = []
     for effect in answer.effects:
         sizes = ", ".join(_size(*parameter) for parameter in effect.parameters.items())
-        lines.append(f"  {effect.name}: {sizes}; removes {_share(effect.forecast)}.")
-    for name in answer.unsettled:
-        lines.append(
-            f"  The fit with {name} was stopped before it came to rest: its size is less sure than "
-            "its interval says."
-        )
+        removed = f"{removed_words(effect.forecast)} of the squared forecast error"
+        lines.append(f"  {effect.name}: {sizes}; removes {removed} where it was not fitted.")
     return lines
+
+
+def _unsettled(answer: Answer) -> list[str]:
+    return [
+        f"The fit with {name} was stopped before it came to rest: its size is less sure than its "
+        "interval says."
+        for name in answer.unsettled
+    ]
 
 
 def _unexplained(answer: Answer) -> list[str]:
@@ -164,15 +185,16 @@ def _unexplained(answer: Answer) -> list[str]:
     lines = []
     for push in answer.unexplained:
         lines.append(
-            f"  Not explained: on {push.state}, {push.sd:.3g} {push.unit} (sd) that last "
+            f"Not explained: on {push.state}, {push.sd:.3g} {push.unit} (sd) that last "
             f"{push.lasts_s:.2g} s, {_percent(push.share)} of the usual rate."
         )
         at = push.against
         if at is not None:
             lines.append(
-                f"    It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
-                f"from {at.means[0]:+.3g} {push.unit} at {at.edges[0]:.3g} {at.unit} "
-                f"to {at.means[-1]:+.3g} {push.unit} at {at.edges[-1]:.3g} {at.unit}."
+                f"  It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
+                f"from {_signed(at.means[0])} {push.unit} at {minus(f'{at.edges[0]:.3g}')} "
+                f"{at.unit} to {_signed(at.means[-1])} {push.unit} at "
+                f"{minus(f'{at.edges[-1]:.3g}')} {at.unit}."
             )
     return lines
 
@@ -181,11 +203,15 @@ def _size(name: str, size: Size) -> str:
     return f"{name} {measured(size.value, size.low, size.high, size.unit)}"
 
 
-def _share(removed: Forecast) -> str:
-    """`62 % (58 % to 66 %) of …`; an interval that rounds to the share itself is left out."""
+def _signed(value: float) -> str:
+    return minus(f"{value:+.3g}")
+
+
+def removed_words(removed: Forecast) -> str:
+    """`62 % (58 % to 66 %)` of an error; an interval that rounds to that is left out."""
     low, middle, high = (_percent(share) for share in (removed.low, removed.share, removed.high))
     interval = f" ({low} to {high})" if {low, high} - {middle, UNKNOWN} else ""
-    return f"{middle}{interval} of the squared forecast error where it was not fitted"
+    return f"{middle}{interval}"
 
 
 def _percent(share: float) -> str:
@@ -204,7 +230,7 @@ def _rejected(answer: Answer) -> list[str]:
     }
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)
     judged |= {effect.name: UNSEEN_WORSE for effect in ranked if effect.judged == UNSEEN_WORSE}
-    return [f"  Not named: {name}: {why}." for name, why in judged.items()]
+    return [f"Not named: {name}: {why}." for name, why in judged.items()]
 
 
 def _gap(result: Result) -> list[str]:

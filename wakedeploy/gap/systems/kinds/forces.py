@@ -51,6 +51,7 @@ class Offset(ForceKind):
     """A constant force."""
 
     name = "offset"
+    phrase = "a constant force on {port}"
     equation = "F"
     source = _MECHANICS
     parameters = (Parameter("force", _FORCE, starts=(0.1, -0.1)),)
@@ -64,6 +65,7 @@ class Viscous(ForceKind):
     """Friction in proportion to speed."""
 
     name = "viscous-friction"
+    phrase = "friction in proportion to speed that acts on {port}"
     equation = "−b v"
     source = _ARMSTRONG
     parameters = (Parameter("coefficient", {"force": 1, "speed": -1}),)
@@ -81,6 +83,7 @@ class Coulomb(ForceKind):
     """
 
     name = "coulomb-friction"
+    phrase = "dry friction that acts on {port}"
     equation = "−F tanh(v/turning)"
     source = _ARMSTRONG
     needs = ("still",)
@@ -99,6 +102,7 @@ class Stribeck(ForceKind):
     """Dry friction that falls as motion begins."""
 
     name = "stribeck-friction"
+    phrase = "dry friction on {port} that falls as motion begins"
     equation = "−F exp(−(v/speed)²) sign(v)"
     source = _ARMSTRONG
     needs = ("still",)
@@ -116,6 +120,7 @@ class Presliding(ForceKind):
     """Dry friction that gives elastically before it slides."""
 
     name = "pre-sliding-friction"
+    phrase = "dry friction on {port} that gives elastically before it slides"
     equation = "−F z, length z' = v − |v| z"
     source = "Dahl, AIAA Journal 14, 1976"
     own_states = 1
@@ -139,6 +144,7 @@ class QuadraticDrag(ForceKind):
     """Drag of a fluid."""
 
     name = "quadratic-drag"
+    phrase = "drag of a fluid on {port}"
     equation = "−k v |v|"
     source = "Batchelor, An Introduction to Fluid Dynamics, 1967"
     parameters = (Parameter("coefficient", {"force": 1, "speed": -2}),)
@@ -152,6 +158,7 @@ class Stiffness(ForceKind):
     """A spring."""
 
     name = "stiffness"
+    phrase = "a spring that acts on {port}"
     equation = "−k x"
     source = _MECHANICS
     needs = ("position",)
@@ -166,6 +173,7 @@ class CubicStiffness(ForceKind):
     """A spring that hardens or softens."""
 
     name = "cubic-stiffness"
+    phrase = "a spring on {port} that hardens or softens"
     equation = "−k x³"
     source = "Duffing, Erzwungene Schwingungen, 1918"
     needs = ("position",)
@@ -180,6 +188,7 @@ class SquareStiffness(ForceKind):
     """A spring that differs to both sides."""
 
     name = "square-stiffness"
+    phrase = "a spring on {port} that differs to both sides"
     equation = "−k x²"
     source = "Nayfeh and Mook, Nonlinear Oscillations, 1979"
     needs = ("position",)
@@ -194,6 +203,7 @@ class Gravity(ForceKind):
     """Weight at a turning axis."""
 
     name = "gravity"
+    phrase = "weight that turns the axis of {port}"
     equation = "−s sin(angle) − c cos(angle)"
     source = _MECHANICS
     needs = ("position", "angle")
@@ -211,6 +221,7 @@ class Periodic(ForceKind):
     """A force that repeats along the way, as cogging."""
 
     name = "periodic-force"
+    phrase = "a force on {port} that repeats along the way"
     equation = "s sin(2π x/length) + c cos(2π x/length)"
     source = "Hanselman, Brushless Motors, 2012"
     needs = ("position",)
@@ -231,6 +242,7 @@ class Hysteresis(ForceKind):
     """A restoring force that remembers where the motion turned."""
 
     name = "hysteresis"
+    phrase = "a restoring force on {port} that remembers where the motion turned"
     equation = "−F z, length z' = v − |v| z − shape v |z|"
     source = "Wen, Journal of the Engineering Mechanics Division 102, 1976"
     own_states = 1
@@ -256,6 +268,7 @@ class AddedInertia(ForceKind):
     """More mass moves than the model says."""
 
     name = "added-inertia"
+    phrase = "more mass that moves with {port} than is stated"
     equation = "(1 + ratio) m a = F"
     source = "Brennen, A Review of Added Mass, 1982"
     needs = ("inertia",)
@@ -270,6 +283,7 @@ class GroundEffect(ForceKind):
     """Lift near the ground."""
 
     name = "ground-effect"
+    phrase = "lift on {port} near the ground"
     equation = "F exp(−height/reach)"
     source = "Cheeseman and Bennett, ARC R&M 3021, 1957"
     needs = ("height",)
@@ -288,6 +302,7 @@ class UpperStop(ForceKind):
     """An end stop, a rim, an overflow: beyond a limit a strong force acts back."""
 
     name = "upper-stop"
+    phrase = "a stop at the upper end that acts on {port}"
     equation = "−k max(x − limit, 0)"
     source = "Hunt and Crossley, Journal of Applied Mechanics 42, 1975"
     needs = ("position",)
@@ -307,6 +322,7 @@ class LowerStop(ForceKind):
     """The same, at the other end."""
 
     name = "lower-stop"
+    phrase = "a stop at the lower end that acts on {port}"
     equation = "k max(limit − x, 0)"
     source = UpperStop.source
     needs = ("position",)
@@ -325,6 +341,7 @@ class Coupling(ForceKind):
     """A force in proportion to another input, or to another axis's motion."""
 
     name = "coupling"
+    phrase = "a force on {port} in proportion to {other}"
     equation = "k (other)"
     source = _MECHANICS
     needs = ("other",)

@@ -45,6 +45,7 @@ class DeadTime(InputKind):
     """The input acts later."""
 
     name = "dead-time"
+    phrase = "a delay before {port} acts"
     equation = "u(t − delay)"
     source = _LJUNG
     parameters = (
@@ -61,6 +62,7 @@ class Lag(InputKind):
     """The input follows its command with one time constant."""
 
     name = "lag"
+    phrase = "a lag with which {port} follows its command"
     equation = "tau u' + u = command"
     source = _LJUNG
     own_states = 1
@@ -92,6 +94,7 @@ class SecondOrderLag(InputKind):
     """The input follows its command with two equal time constants."""
 
     name = "second-order-lag"
+    phrase = "a lag of second order with which {port} follows its command"
     equation = "tau² u'' + 2 tau u' + u = command"
     source = _LJUNG
     own_states = 2
@@ -125,6 +128,7 @@ class RateLimit(InputKind):
     """The input changes no faster than a limit."""
 
     name = "rate-limit"
+    phrase = "a limit to how fast {port} changes"
     equation = "|u'| ≤ 1/slowness"
     source = "Khalil, Nonlinear Systems, 2002"
     parameters = (
@@ -141,6 +145,7 @@ class Hold(InputKind):
     """The input is renewed once a period only."""
 
     name = "sample-and-hold"
+    phrase = "a hold that renews {port} only once a period"
     equation = "u(t) = command(period ⌊t/period⌋)"
     source = "Åström and Wittenmark, Computer-Controlled Systems, 1997"
     parameters = (
@@ -161,6 +166,7 @@ class Quantisation(InputKind):
     """The input has steps."""
 
     name = "quantisation"
+    phrase = "steps to which {port} is rounded"
     equation = "u = step · round(command/step)"
     source = "Widrow and Kollár, Quantization Noise, 2008"
     parameters = (
@@ -177,6 +183,7 @@ class DeadBand(InputKind):
     """Small inputs do nothing, larger ones act less."""
 
     name = "dead-band"
+    phrase = "a dead band in which small values of {port} do nothing"
     equation = "sign(u) max(|u| − half_width, 0)"
     source = "Khalil, Nonlinear Systems, 2002"
     needs = ("still",)
@@ -193,6 +200,7 @@ class Backlash(InputKind):
     """The input has to take up a play when it turns."""
 
     name = "backlash"
+    phrase = "play that {port} takes up whenever it turns"
     equation = "u follows its command at ± width/2"
     source = "Nordin and Gutman, Automatica 38, 2002"
     parameters = (Parameter("width", _OF_INPUT, low=0.0, high=4.0, starts=(0.05, 0.3), prior=0.5),)
@@ -206,6 +214,7 @@ class Saturation(InputKind):
     """Large inputs are cut."""
 
     name = "saturation"
+    phrase = "a limit that cuts large values of {port}"
     equation = "clip(u) at the largest logged |u| less cut"
     source = "Khalil, Nonlinear Systems, 2002"
     parameters = (Parameter("cut", _OF_INPUT, low=0.0, high=4.0, starts=(0.1, 0.5), prior=1.0),)
@@ -220,6 +229,7 @@ class Gain(InputKind):
     """The input acts more, or less, than it says."""
 
     name = "gain"
+    phrase = "a gain by which {port} acts more, or less, than it says"
     equation = "(1 + error) u"
     source = _LJUNG
     parameters = (Parameter("error", {}, low=-1.0, high=3.0, starts=(0.1, -0.1), prior=0.5),)
@@ -233,6 +243,7 @@ class Bias(InputKind):
     """The input is off by a constant."""
 
     name = "bias"
+    phrase = "a constant offset of {port}"
     equation = "u + bias"
     source = _LJUNG
     parameters = (Parameter("bias", _OF_INPUT, starts=(0.1, -0.1), prior=1.0),)
@@ -246,6 +257,7 @@ class Drift(InputKind):
     """The input's gain changes with time, as with a battery."""
 
     name = "drift"
+    phrase = "a gain of {port} that changes with time"
     equation = "(1 + rate t) u"
     source = _LJUNG
     parameters = (
@@ -261,6 +273,7 @@ class Asymmetry(InputKind):
     """Inputs of one sign act more than those of the other."""
 
     name = "asymmetry"
+    phrase = "a difference between positive and negative {port}"
     equation = "u + error |u|"
     source = "Nordin and Gutman, Automatica 38, 2002"
     needs = ("turning",)

@@ -1,4 +1,4 @@
-"""What every kind of effect has: a name, an equation, parameters with sizes, and a source."""
+"""What every kind of effect has: a name, a phrase, an equation, parameters with sizes, a source."""
 
 import math
 from collections.abc import Mapping
@@ -72,9 +72,13 @@ class Parameter:
 
 
 class Kind:
-    """A kind of effect. `equation` is for a person, `source` says where it is from."""
+    """A kind of effect. `equation` is for a person, `source` says where it is from.
+
+    `phrase` says what a system lacks that lacks it, of `{port}` and, of a coupling, of `{other}`.
+    """
 
     name: ClassVar[str]
+    phrase: ClassVar[str] = ""
     equation: ClassVar[str]
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]

@@ -12,6 +12,7 @@ from wakedeploy.gap.evidence.inference import Free
 from wakedeploy.gap.systems.kinds import forces, inputs, sensors
 from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
 from wakedeploy.gap.systems.system import Port, System
+from wakedeploy.gap.wording import with_name
 
 _ANGLES = ("rad",)
 _STILL = 0.1  # of the usual size: nearer to 0 a sign may be about to turn
@@ -55,6 +56,18 @@ class Effect:
     def parameters(self, values: Mapping[str, object]) -> dict[str, object]:
         """Its own out of all values, by the names that its kind has for them."""
         return {p.name: values[f"{self.name}.{p.name}"] for p in self.kind.parameters}
+
+
+def plain(name: str) -> str:
+    """An effect in words before its name: ``dry friction that acts on v (`coulomb-friction@v`)``.
+
+    Of an effect that no kind here makes, as a user's own, the name alone.
+    """
+    kind_name, _, port = name.partition("@")
+    kind_name, _, other = kind_name.partition("-from-")
+    phrases = {kind.name: kind.phrase for kinds in KINDS_BY_ROLE.values() for kind in kinds}
+    phrase = phrases.get(kind_name, "") if port else ""
+    return with_name(phrase.format(port=port, other=other), name)
 
 
 def kind_named(role: str, name: str) -> Kind:

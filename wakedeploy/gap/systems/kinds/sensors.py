@@ -32,6 +32,7 @@ class SensorGain(OutputKind):
     """The sensor shows more, or less."""
 
     name = "sensor-gain"
+    phrase = "a scale error of the sensor of {port}"
     equation = "(1 + error) y"
     source = _SENSORS
     parameters = (Parameter("error", {}, low=-0.9, high=3.0, starts=(0.05, -0.05), prior=0.3),)
@@ -51,6 +52,7 @@ class SensorBias(OutputKind):
     """The sensor is off by a constant."""
 
     name = "sensor-bias"
+    phrase = "a constant error of the sensor of {port}"
     equation = "y + bias"
     source = _SENSORS
     parameters = (Parameter("bias", _OF_OUTPUT, starts=(0.1, -0.1), prior=0.5),)
@@ -70,6 +72,7 @@ class SensorDrift(OutputKind):
     """The sensor's zero moves with time."""
 
     name = "sensor-drift"
+    phrase = "a drift of the zero of the sensor of {port}"
     equation = "y + rate t"
     source = _SENSORS
     parameters = (Parameter("rate", {"output": 1, "span": -1}, starts=(0.1, -0.1), prior=0.5),)
@@ -89,6 +92,7 @@ class SensorSaturation(OutputKind):
     """The sensor shows nothing above a limit."""
 
     name = "sensor-saturation"
+    phrase = "a limit above which the sensor of {port} shows nothing"
     equation = "min(y, limit)"
     source = _SENSORS
     parameters = (
@@ -111,6 +115,7 @@ class SensorLag(OutputKind):
     """The sensor follows with a time constant."""
 
     name = "sensor-lag"
+    phrase = "a lag of the sensor of {port}"
     equation = "tau y' + y = value"
     source = _SENSORS
     own_states = 1
@@ -140,6 +145,7 @@ class SensorDeadTime(OutputKind):
     """The sensor shows what was; to first order in the delay, as Padé has it."""
 
     name = "sensor-dead-time"
+    phrase = "a delay of the sensor of {port}"
     equation = "y(t − delay)"
     source = "Baker and Graves-Morris, Padé Approximants, 1996"
     own_states = 1
@@ -177,6 +183,7 @@ class Scale(ConstantKind):
     """The constant is another than was measured."""
 
     name = "scale"
+    phrase = "a correction of the constant {port}"
     equation = "(1 + error) c"
     source = "Ljung, System Identification, 1999"
     parameters = (Parameter("error", {}, low=-0.95, high=10.0, starts=(0.2, -0.2), prior=1.0),)
@@ -190,6 +197,7 @@ class ConstantDrift(ConstantKind):
     """The constant changes along the log, as by warming."""
 
     name = "constant-drift"
+    phrase = "a change of the constant {port} along the log"
     equation = "(1 + rate t) c"
     source = "Ljung, System Identification, 1999"
     parameters = (

@@ -1,6 +1,7 @@
 """Power: what is said before flying, and the page that says it."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from wakedeploy.gap.report.power_page import (
     KEPT_OF,
     SURELY,
     draw_cost,
+    next_step,
     rows,
     sentences,
     write_page,
@@ -122,6 +124,20 @@ def test_the_page_is_whole_and_loads_nothing(told, tmp_path) -> None:
     assert len(read["effects"][0]) == len(told.as_json()["effects"][0])
     assert all(len(row) == len(COLUMNS) for row in rows(told))
     assert any("class" in sentence for sentence in sentences(told))
+
+
+@pytest.mark.whole
+def test_the_page_says_what_to_do_next(told, tmp_path) -> None:
+    html = write_page(told, tmp_path, Path("rigs/mine.toml")).read_text()
+    assert "Together in a class: the sufferer's thrust falls" in " ".join(sentences(told))
+    assert "Next step: look for the manoeuvre that tells a class apart" in html
+    words = re.sub(r"<[^>]+>", "", html)
+    group = " ".join(f"--class {name}" for name in told.classes[0])
+    assert f"wakedeploy gap plan --rig rigs/mine.toml {group}" in words
+    alone = replace(told, effects=tuple(replace(e, rivals=()) for e in told.effects))
+    why, commands = next_step(alone, None)
+    assert why.startswith("Next step: fly 4 of these")
+    assert commands[0] == "wakedeploy rig init rig.toml"
 
 
 @pytest.mark.whole

@@ -68,10 +68,9 @@ def test_what_helps_and_counts_is_added() -> None:
     one = judged(NAMED, [("crosswind-offset",)], [worth(0.3, 0.5, 60.0)])
     assert one.verdict == "named"
     assert [e.name for e in one.to_add] == ["crosswind-offset"]
-    assert (
-        verdict_sentence(Steps(name=one).summary)
-        == "Effect missing from the model: crosswind-offset."
-    )
+    told = verdict_sentence(Steps(name=one).summary)
+    assert told.startswith("Missing from the model: a steady draught")
+    assert told.endswith("(`crosswind-offset`).")
 
 
 def test_what_is_certain_and_small_keeps_its_name_and_is_not_added() -> None:
@@ -79,10 +78,8 @@ def test_what_is_certain_and_small_keeps_its_name_and_is_not_added() -> None:
     assert one.verdict == "named"
     assert one.to_add == []
     told = account(Steps(name=one).summary)
-    assert told.startswith(
-        "Nothing that matters is missing from the model: crosswind-offset (1.9 %)"
-    )
-    assert "too small to matter here" in told
+    assert told.startswith("Nothing that matters is missing from the model. There, but too small")
+    assert "(`crosswind-offset`), 1.9 %." in told
 
 
 def test_what_makes_the_sealed_forecast_worse_is_withdrawn_with_a_sentence() -> None:

@@ -15,7 +15,12 @@ from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, resid
 from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search import places as gantry_places
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base
-from wakedeploy.gap.systems.gantry.search.places import AXES, HORIZONS_S, find_places
+from wakedeploy.gap.systems.gantry.search.places import (
+    AXES,
+    HORIZONS_S,
+    find_places,
+    places_sentence,
+)
 
 SEEDS = (40, 41, 42)
 LIMIT = 40.0
@@ -93,6 +98,17 @@ def test_a_force_is_found_where_it_acts(pushed) -> None:
     assert felt
     assert felt[0].unit == "sd"
     assert "sd (innovation)" in felt[0].words
+
+
+def test_the_sentence_counts_the_places_of_the_table() -> None:
+    told = {"channel": "force", "coordinate": "height", "exogenous": False, "low": 0.0,
+            "high": 1.0, "residual": 0.1, "unit": "N", "coordinate_unit": "m", "clarity": 3.0,
+            "words": "height below 1 m: +0.1 N (force), q = 0.048"}  # fmt: skip
+    faint, clear = (Place(**told, q_value=q) for q in (0.048, 0.001))
+    for places, alone in (([faint, faint], True), ([clear, faint], False)):
+        sentence = places_sentence(places, is_white=True, flights=7)
+        assert sentence.startswith("They disagree beyond noise in 2 places (q ≤ 0.05)")
+        assert ("none so clear" in sentence) == alone
 
 
 def test_the_force_channel_weighs_the_missing_force(base, pushed) -> None:

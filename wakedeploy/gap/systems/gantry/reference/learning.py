@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.rig import Repeatability, Rig
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.rig_sections import Repeatability
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, extended, fit
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES

@@ -10,11 +10,13 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
 from wakedeploy.gap.few_flights import cannot_tell, these
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Map, Place, Quantity, White
 from wakedeploy.gap.search.places import INNOVATION, Axes, disagreements, forbids_none
 from wakedeploy.gap.systems.gantry.artefacts import Find, Replay, Spectrum
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, residuals
+from wakedeploy.gap.wording import counted
 
 HORIZONS_S = (0.25, 0.5, 1.0)
 # Blocks are at least four times as long as the channel's own window correlates what it measures.
@@ -89,10 +91,12 @@ def places_sentence(places: Sequence[Place], is_white: bool, flights: int) -> st
         sentence = "no place stands out from noise"
     elif not places:
         sentence = "no single place stands out, but as a whole more than noise is left"
-    elif forbids_none(places):
-        sentence = f"they disagree beyond noise: {places[0].words}"
     else:
-        sentence = f"no place disagrees clearly beyond noise; the clearest is {places[0].words}"
+        told = f"{counted(len(places), 'place')} (q ≤ {RULES.false_discoveries:g})"
+        sentence = f"they disagree beyond noise in {told}"
+        if not forbids_none(places):
+            sentence += ", none so clear that it tells by itself that something is missing"
+        sentence += f"; the clearest: {places[0].words}"
     scope = f"in {these(flights)}, " if cannot_tell(flights) else ""
     sentence = scope + sentence
     return f"{sentence[0].upper()}{sentence[1:]}."
