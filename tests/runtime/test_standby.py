@@ -184,6 +184,6 @@ def test_a_rig_file_that_became_unusable_meanwhile_flies_nothing(tmp_path, chang
     out, err = run.communicate(timeout=60)
     assert run.returncode == 2
     assert out == ""
-    assert err.startswith("Error: ")
+    assert err.splitlines()[-1].startswith("Error: ")  # a busy computer may be named before
     assert words in err
     assert err.count("\n") == 1
