@@ -42,7 +42,7 @@ def interrupted(records: Records) -> Section:
 
 
 def _right(row: Row | None) -> str:
-    return "–" if row is None else f"{_rights(row)} of {row['strokes']}"
+    return "–" if row is None or not row["strokes"] else f"{_rights(row)} of {row['strokes']}"
 
 
 def _rights(row: Row) -> int:
