@@ -57,6 +57,18 @@ def test_a_clock_is_known_by_its_even_rise(name, values, said, tmp_path: Path) -
     assert all(each in guessed for each in said)
 
 
+def test_dates_of_numpy_are_a_clock_and_a_nan_that_signals_is_a_nan(tmp_path: Path) -> None:
+    signalling = np.frombuffer(np.uint32(0x7F800001).tobytes(), np.float32)
+    samples = np.r_[signalling, np.sin(np.arange(49.0)).astype(np.float32)]
+    dates = np.datetime64("2026-01-01") + np.arange(50) * np.timedelta64(20_000, "us")
+    path = tmp_path / "log.npz"
+    np.savez(path, time=dates, u=samples)
+    guessed = guess_columns(path)
+    assert 'column = "time"\n# about 50 Hz' in guessed
+    (log,) = read(path, guessed.replace('role = "unused"', 'role = "output"'))
+    assert log.rate_hz == pytest.approx(50.0)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_its_library_wrote_is_read_to_the_digit(kind: str, tmp_path: Path) -> None:
     pytest.importorskip(KINDS[kind])

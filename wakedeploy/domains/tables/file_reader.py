@@ -41,6 +41,7 @@ from wakedeploy.domains.tables.resampling import (
 )
 from wakedeploy.domains.tables.stamps import (
     Timeline,
+    as_floats,
     as_numbers,
     between_falls,
     in_seconds,
@@ -304,7 +305,7 @@ class FileReader:
         if values.dtype == object:
             raise place.refused("holds texts", "leave it out, or choose another")
         with np.errstate(over="ignore"):
-            return values.astype(np.float64)
+            return as_floats(values)
 
     def _series(self, wanted: Wanted, place: _Place, times: Timeline, values: Vector) -> _Series:
         values = wanted.converted(values[times.rows])

@@ -19,6 +19,7 @@ from wakedeploy.domains.tables.columns import Delimited
 from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log
 from wakedeploy.domains.tables.resampling import unevenness
 from wakedeploy.domains.tables.stamps import (
+    as_floats,
     as_numbers,
     in_seconds,
     origin_s,
@@ -171,6 +172,8 @@ def _clock(log: Log, field: Field) -> _Timing | None:
             return None
         lines.append(f"format = {_toml(form)}  # ?")
     numbers = as_numbers(values, form, str, _never)
+    if numbers.dtype.kind == "M":
+        numbers, form = numbers.astype("datetime64[ns]").astype(np.int64), "datetime64"
     unit, is_guess = ("ns", False) if form else _time_unit(numbers, field)
     if unit is None:
         return None
@@ -236,7 +239,7 @@ def _rises_evenly(log: Log, field: Field) -> bool:
         return False
     if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
         return False
-    numbers = values.astype(np.float64)
+    numbers = as_floats(values)
     if not (np.abs(numbers) < _LARGEST).all():
         return False
     steps = np.diff(numbers)
@@ -272,7 +275,7 @@ def _time_unit(values: Values, field: Field) -> tuple[str | None, bool]:
             pass
     if values.dtype.kind == "M":
         return "ns", False
-    numbers = values.astype(np.float64)
+    numbers = as_floats(values)
     if len(numbers) < 2 or not (np.abs(numbers) < _LARGEST).all():
         return None, False
     steps = np.diff(numbers)
@@ -340,7 +343,7 @@ def _all_values(log: Log, fields: Sequence[Field]) -> dict[str, Values]:
 
 
 def _entry(file: str, field: Field, values: Values, taken: set[str]) -> Iterator[str]:
-    numbers = values.astype(np.float64) if values.dtype.kind in "fiub" else np.empty(0)
+    numbers = as_floats(values) if values.dtype.kind in "fiub" else np.empty(0)
     there = numbers[np.isfinite(numbers)]
     if not len(there):
         return

@@ -47,6 +47,12 @@ def seconds_in(unit: str) -> Fraction:
     return conversion(unit, "s")
 
 
+def as_floats(values: Values) -> Vector:
+    """Numbers as floats; a float of half the size may hold a NaN that signals when it is cast."""
+    with np.errstate(invalid="ignore"):
+        return values.astype(np.float64)
+
+
 def as_numbers(values: Values, form: str | None, place: Place, refuse: Refuse) -> Values:
     """Stamps as numbers; texts, in the form that is stated, as nanoseconds since 1970."""
     if form is None and values.dtype == object:
@@ -69,7 +75,7 @@ def _ns_of(text: str, form: str, index: int, place: Place, refuse: Refuse) -> in
 
 def whole_start_s(values: Values, seconds: Fraction) -> int | None:
     """The whole second of a clock's first stamp where it counts from a year; None for no stamp."""
-    finite = values[np.abs(values.astype(np.float64)) < 1e30]
+    finite = values[np.abs(as_floats(values)) < 1e30]
     if not len(finite):
         return None
     lowest = finite.min()
@@ -92,7 +98,7 @@ def in_seconds(values: Values, seconds: Fraction, origin: int) -> Vector:
             values = values - values.dtype.type(zero.numerator)
             zero = Fraction(0)
     with np.errstate(over="ignore", invalid="ignore"):  # `timeline` refuses what overflows
-        numbers = values.astype(np.float64) - float(zero)
+        numbers = as_floats(values) - float(zero)
         return np.asarray(numbers * seconds.numerator / seconds.denominator, dtype=np.float64)
 
 
