@@ -31,8 +31,14 @@ def words(printed: str) -> list[str]:
     return re.sub(r"[\d.,:+-]+(?:e[+-]?\d+)?(?:T[\d:.+]+)?|[^\w\s]", " ", printed).split()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def pages():
+    """Every tutorial; what flies in real time at the virtual rig waits for `make test-slow`."""
+    for page in PAGES:
+        mark = pytest.mark.slow if page.stem == "at-the-rig" else pytest.mark.whole
+        yield pytest.param(page, marks=mark, id=page.stem)
+
+
+@pytest.mark.parametrize("page", pages())
 def test_every_line_works_as_it_stands_and_prints_what_the_page_shows(
     page: Path, tmp_path: Path
 ) -> None:
