@@ -38,7 +38,7 @@ def pages():
         yield pytest.param(page, marks=mark, id=page.stem)
 
 
-@pytest.mark.parametrize("page", pages())
+@pytest.mark.parametrize("page", list(pages()))
 def test_every_line_works_as_it_stands_and_prints_what_the_page_shows(
     page: Path, tmp_path: Path
 ) -> None:
