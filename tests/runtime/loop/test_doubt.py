@@ -53,7 +53,7 @@ def test_a_prediction_that_is_right_or_nearly_so_is_believed():
 
 
 def test_an_error_below_the_floor_is_none():
-    """The floor is a force for a sufferer of the rig's size, and a share of a small one's weight."""
+    """A force for a sufferer of the rig's size, and for a small one a share of its weight."""
     calm = {"force": lambda t_s: 0.0}
     assert not any(doubts(lambda force_n: 0.9 * FORCE_FLOOR_N, **calm))
     assert any(doubts(lambda force_n: 1.1 * FORCE_FLOOR_N, **calm))
