@@ -108,7 +108,6 @@ def high(package, when):
         ("commands 100 ms late", "commands_late", "answers_late"),
         ("answers 100 ms late", "commands_late", "answers_late"),
         ("range 200 ms old", "range_late", "range_doubted"),
-        ("range 200 ms late", "sensor_lost", "bad_range"),
         ("range stamps +1 s", "sensor_lost", "bad_range"),
         ("range stamps -1 s", "sensor_lost", "bad_range"),
         ("range 8190 mm", "sensor_lost", "bad_range"),
@@ -125,7 +124,6 @@ def test_what_ends_a_flight_is_named(fault, cause, beside, high):
     ("fault", "trouble"),
     [
         ("prediction -2 N", "prediction_doubted"),
-        ("prediction +2 N", "prediction_doubted"),
         ("prediction is noise", "prediction_doubted"),
         ("prediction alternates", "bad_prediction"),
         ("prediction +1e+30 N", "bad_prediction"),
@@ -161,7 +159,6 @@ def test_answers_a_little_late_degrade_and_end_no_flight(high):
         (120, "whole"),
         (140, "failsafe: loop_stalled"),
         (500, "failsafe: loop_stalled"),
-        (1000, "failsafe: loop_stalled"),
     ],
 )
 def test_a_computer_that_stood_still_has_lost_no_link(ms, ended, high):
