@@ -138,7 +138,7 @@ def test_a_wrong_prediction_is_flown_without_and_named(fault, trouble, high):
 
 @pytest.mark.parametrize("fault", ["none", "prediction of wrong sign", "prediction x 5"])
 def test_predictions_of_a_true_wake_are_doubted_once_they_are_wrong(fault, package):
-    """Every force is one that a wake could have: only the motion shows that it has not."""
+    """No training bounds them here: only the motion shows that they are wrong."""
     case = Case("none", Moment("", 940_000_011, 4.0, 8.0), package)
     became, named = broken(case, partial(break_it, name=fault), knows_the_wake=True)
     assert became.ended == "whole"
