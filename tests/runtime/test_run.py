@@ -24,7 +24,7 @@ from benchmarks.injected.flight import Case, Moment, scene_of
 from runtime.calibration.session import resting
 from runtime.io.protocol import FIRMWARE, Fault
 from runtime.io.recorder import RunLogWriter
-from runtime.loop.safety import Findings, fatal_faults
+from runtime.loop.safety import LATE_LIMIT, Findings, fatal_faults
 from runtime.loop.tally import Tally
 from runtime.request import RunRequest, require_fit
 from runtime.run import fly
@@ -102,6 +102,51 @@ def test_a_virtual_run_flies_records_and_sums_up_and_a_terminal_sees_how_far(rig
     assert recorded.metadata["onnxruntime_version"].count(".") >= 1
     assert recorded.metadata["plant_rig_sha256"] == RIG.sha256
     assert recorded.metadata["hooks"] == ""
+
+
+# A step takes 200 ms, without the interpreter's lock, as onnxruntime computes.
+SLOW_MODEL = """
+import hashlib, time
+from runtime.loop import prediction
+from runtime.predictor import PackagePredictor
+from wakedeploy.cli import main
+
+prediction.WARM_UP_CALLS = 5
+step, block = PackagePredictor.step, bytes(1 << 20)
+
+def slow_step(self, observation):
+    end_s = time.monotonic() + 0.2
+    while time.monotonic() < end_s:
+        hashlib.sha256(block)
+    return step(self, observation)
+
+PackagePredictor.step = slow_step
+main()
+"""
+
+
+def may_be_realtime():
+    """Whether this user may give a process real-time priority and locked memory."""
+    code = "from runtime.io.realtime import become_realtime; become_realtime()"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
+
+
+@pytest.mark.wallclock
+def test_a_model_that_is_far_too_slow_is_flown_without_in_real_time(rig_file, tmp_path):
+    """The loop and the model share a core: the loop has to come first."""
+    if not may_be_realtime():
+        pytest.skip("this user may not use SCHED_FIFO")
+    package, log = tmp_path / "slow.onnx", tmp_path / "flight.mcap"
+    write_package(gantry_package(default_lead_s(RIG)), package)
+    arguments = ["run-gantry", "--package", package, "--virtual", "--wall-clock", "--realtime"]
+    arguments += ["--rig", rig_file, "--seconds", "6", "--log", log]
+    line = [sys.executable, "-c", SLOW_MODEL, *map(str, arguments)]
+    run = subprocess.run(line, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    recorded = read_run_log(log)
+    flying = [mode for mode in recorded["mode"] if mode not in ("ARMED", "LANDING")]
+    assert len(flying) > 150
+    assert set(flying[LATE_LIMIT:]) == {"DEGRADED"}
 
 
 def test_ctrl_c_lands_closes_the_log_and_says_130_in_little_memory(rig_file, tmp_path):

@@ -20,6 +20,7 @@ from runtime.loop.watch import GapWatch
 from runtime.reference import hold_plan, random_plan
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.physics.effects.chain import default_lead_s
+from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig.file import default_rig
 
 FLIGHT_S = 5.2
@@ -130,8 +131,13 @@ def test_late_predictions_are_not_waited_for_degrade_and_recover_after_a_clean_s
     assert predictor.deadlines_s[0] - world.started_s < budget_s(RIG)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_number_that_is_none_degrades_resets_and_warms_the_memory_again(bad):
+WEIGHT_N = RIG.sufferer.mass_kg * GRAVITY_MPS2
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e30, 1.01 * WEIGHT_N, -1.01 * WEIGHT_N])
+def test_a_number_that_is_none_or_more_than_the_weight_degrades_resets_and_warms_the_memory_again(
+    bad,
+):
     predictor = Forces(lambda n: bad if n == 12 else -0.2, ready_after=10)
     _, rows = fly(World(), predictor, seconds=1.8)
     hit = rows.column("faults").index("bad_prediction")
@@ -140,6 +146,16 @@ def test_a_number_that_is_none_degrades_resets_and_warms_the_memory_again(bad):
     assert predictor.resets == 1
     assert "RUNNING" in rows.column("mode")[hit + 32 :]
     assert all(math.isfinite(row["sufferer_cmd_us"]) for row in rows.rows)
+
+
+def test_a_force_that_no_training_has_shown_degrades_however_small():
+    predictor = Forces(lambda n: 0.3 if n == 12 else -0.1)
+    predictor.most_n = 0.2
+    _, rows = fly(World(), predictor, seconds=0.6)
+    hit = rows.column("faults").index("bad_prediction")
+    assert hit == 11
+    assert rows.rows[hit]["mode"] == "DEGRADED"
+    assert predictor.resets == 1
 
 
 def test_an_observation_far_outside_training_is_never_shown_to_the_model():

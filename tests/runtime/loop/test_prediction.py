@@ -1,12 +1,15 @@
 """The worker around a model: waits no longer than told, forgets nothing, survives what raises."""
 
 import math
+import os
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
+from runtime.io.realtime import FIFO_PRIORITY
 from runtime.loop import prediction
 from runtime.loop.prediction import PredictionWorker
 from wakedeploy.core.errors import CheckFailed
@@ -149,3 +152,47 @@ def test_only_bounded_steps_that_are_short_are_done_by_the_loop_itself(bounded, 
     assert late is None
     worker.close()
     assert not worker._thread.is_alive()
+
+
+needs_fifo = pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="needs SCHED_FIFO")
+
+
+def thread_of_a_worker(model):
+    """Policy and priority of a worker's thread, made by a thread of the loop's own priority."""
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+    worker = PredictionWorker(model, 0.001)
+    worker.wait_until_warm()
+    number = worker._thread.native_id
+    found = os.sched_getscheduler(number), os.sched_getparam(number).sched_priority
+    worker.close()
+    return found
+
+
+@needs_fifo
+def test_a_model_computes_below_a_loop_of_real_time(model):
+    """At the loop's own priority the loop's timed wait could not end before the model does."""
+    with ThreadPoolExecutor(1) as loop:  # a thread of its own: the tests stay as they were
+        try:
+            policy, priority = loop.submit(thread_of_a_worker, model).result()
+        except PermissionError:
+            pytest.skip("this user may not use SCHED_FIFO")
+    assert policy == os.SCHED_FIFO  # an ordinary program could push it aside with the lock held
+    assert 0 < priority < FIFO_PRIORITY
+
+
+@needs_fifo
+@pytest.mark.parametrize(("policy", "asked"), [("SCHED_FIFO", 1), ("SCHED_OTHER", 0)])
+def test_the_worker_asks_for_less_where_it_has_inherited_real_time(
+    policy, asked, model, monkeypatch
+):
+    calls = []
+
+    def set_by_name(pid, to, param):
+        calls.append((threading.current_thread().name, to, param.sched_priority))
+
+    monkeypatch.setattr(os, "sched_getscheduler", lambda pid: getattr(os, policy))
+    monkeypatch.setattr(os, "sched_setscheduler", set_by_name)
+    worker = PredictionWorker(model, 0.001)
+    worker.wait_until_warm()
+    worker.close()
+    assert calls == [("prediction", os.SCHED_FIFO, 1)][:asked]

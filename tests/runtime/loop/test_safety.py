@@ -76,11 +76,27 @@ def test_late_predictions_degrade_only_in_a_row():
     assert run(RUNNING, [LATE] * 3).mode is Mode.DEGRADED
 
 
-@pytest.mark.parametrize("bad", [Findings(bad_prediction=True), Findings(bad_observation=True)])
-def test_one_bad_number_degrades_at_once_and_is_named(bad):
-    state = run(RUNNING, [bad])
+@pytest.mark.parametrize(
+    ("found", "name"),
+    [
+        (Findings(bad_prediction=True), "bad_prediction"),
+        (Findings(bad_observation=True), "bad_observation"),
+        (Findings(doubted=True), "prediction_doubted"),
+        (Findings(range_late=9.5), "range_doubted"),
+        (Findings(link_silence_s=0.2), "answers_missing"),
+        (Findings(late_answers=3), "answers_late"),
+    ],
+)
+def test_what_spoils_the_feedforward_degrades_at_once_and_is_named(found, name):
+    state = run(RUNNING, [found])
     assert state.mode is Mode.DEGRADED
-    assert state.faults in (("bad_prediction",), ("bad_observation",))
+    assert state.faults == (name,)
+
+
+def test_one_bad_sample_is_named_and_flown_with():
+    state = run(RUNNING, [Findings(bad_range=True)])
+    assert state.mode is Mode.RUNNING
+    assert state.faults == ("bad_range",)
 
 
 def test_recovery_needs_a_clean_second():
@@ -98,6 +114,8 @@ def test_what_passes_soon_ends_no_flight():
         not_lifting_s=0.9,
         battery_gone_s=0.2,
         thrust_share=2.0,
+        late_commands=7,
+        unexplained_s=0.4,
     )
     assert run(RUNNING, [soon]).mode is Mode.RUNNING
 
@@ -122,6 +140,12 @@ def test_what_passes_soon_ends_no_flight():
         (Findings(battery_gone_s=0.3), "battery_lost"),
         (Findings(recorder_failed=True), "recorder_failed"),
         (Findings(stop_asked=True), "operator_stop"),
+        (Findings(late_commands=8), "commands_late"),
+        (Findings(unexplained_s=0.6), "motion_unexplained"),
+        (Findings(range_late=12.5), "range_late"),
+        (Findings(tick_failed=True), "loop_error"),
+        (Findings(moves_unseen=True), "sensor_frozen"),
+        (Findings(rises_unseen=True), "thrust_lost"),
         (Findings(x_m=0.7), "x_limit"),
         (Findings(x_m=float("nan")), "x_limit"),
         (Findings(z_m=1.2), "z_limit"),
