@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import jsonschema
@@ -272,6 +273,14 @@ def test_a_bad_csv_is_one_sentence_that_says_where(
         read_run_log(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_hundred_thousand_columns_are_refused_before_a_person_wonders(tmp_path: Path) -> None:
+    names = ",".join(f"c{i}" for i in range(100_000))
+    began_s = time.process_time()
+    with pytest.raises(UnusableInput, match="lacks the column"):
+        read_run_log(write_lines(tmp_path / "wide.csv", names))
+    assert time.process_time() - began_s < 2.0
 
 
 def test_required_columns_alone_are_enough_and_foreign_ones_are_left_out(tmp_path: Path) -> None:

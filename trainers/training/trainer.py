@@ -133,9 +133,10 @@ def stated_lead_s(data: EpisodeSet) -> float:
         or not isinstance(stated, int | float)
         or not 0 <= stated <= LONGEST_LEAD_S
     ):
+        where = "the set" if data.folder is None else data.folder / "dataset.json"
         raise UnusableInput(
-            f"{_LEAD_KEY} = {stated!r} in the set is no number from 0 to {LONGEST_LEAD_S:g}; ask"
-            " for a lead."
+            f"{where}: {_LEAD_KEY} = {repr(stated)[:40]} is no number from 0 to"
+            f" {LONGEST_LEAD_S:g}; ask for a lead."
         )
     return float(stated)
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections import Counter
 from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput, one_line
@@ -39,7 +40,7 @@ def read_csv(path: Path) -> Table:
     if not lines:
         raise UnusableInput(f"{path}: is empty; a run log starts with a row of column names.")
     names = [name.strip() for name in lines[0]]
-    repeated = {name for name in names if names.count(name) > 1}
+    repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
         raise UnusableInput(f"{path}: the column {min(repeated)!r} is there twice; keep one.")
     rows = [_row(names, line, f"{path}, line {n}") for n, line in enumerate(lines[1:], 2) if line]

@@ -123,8 +123,9 @@ def test_a_run_whose_best_weights_give_no_error_is_told(echo: EpisodeSet, tmp_pa
 
 @pytest.mark.parametrize("lead_s", ["soon", -1.0, 1e300, True, [1]])
 def test_a_lead_that_is_no_time_is_refused(echo: EpisodeSet, lead_s: object) -> None:
-    with pytest.raises(UnusableInput, match="ask for a lead"):
-        stated_lead_s(dataclasses.replace(echo, provenance={"default_lead_s": lead_s}))
+    asked = {"provenance": {"default_lead_s": lead_s}, "folder": Path("sets/echo")}
+    with pytest.raises(UnusableInput, match=r"^sets/echo/dataset.json: .* ask for a lead\.$"):
+        stated_lead_s(dataclasses.replace(echo, **asked))
 
 
 @pytest.mark.parametrize(
