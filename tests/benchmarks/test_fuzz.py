@@ -25,7 +25,7 @@ FILES = {
     "gap-fits": 20, "gap-benchmark": 15, "fish": 20, "quadrotor": 20, "crazyflie": 30, "motor": 30,
     "table-csv": 50, "table-npz": 50, "table-mat": 10, "table-parquet": 30, "table-hdf5": 6,
     "table-mcap": 20, "table-rosbag": 10, "table-ros-mcap": 10, "table-ulog": 20,
-    "table-columns": 50,
+    "table-columns": 50, "mjcf": 150, "own-log": 100, "own-answer": 100,
 }  # fmt: skip
 SEED = 1
 
