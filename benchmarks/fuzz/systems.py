@@ -1,4 +1,4 @@
-"""Kinds of files of a user's own system: a MuJoCo model, a plain CSV log, an answer of `gap name`."""
+"""Kinds of files of a user's own system: a MuJoCo model, a plain CSV log, what `gap name` wrote."""
 
 import functools
 import re
