@@ -1,6 +1,7 @@
-"""A thousand damaged files and more of every cheap kind: read, or refused in a sentence, at once.
+"""Damaged files of every cheap kind, some of each: read, or refused in a sentence, at once.
 
-`python -m benchmarks.fuzz` reads a million more; what it judges by is tested here, too.
+`python -m benchmarks.fuzz` reads others for as long as it is asked to; docs/records/fuzz.json has
+how many of which kind it has read. What it judges by is tested here, too.
 """
 
 import os
