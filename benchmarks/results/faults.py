@@ -156,7 +156,7 @@ def _against_aims(campaign: Mapping[str, Any], healthy: list[Row], blind: list[R
         if rows:
             lines.append(_aimed(f"healthy, ended early, wake × {wake}", rows, "ended_early", most))
     if blind:
-        lines.append(_aimed("blind descents faster than 1.0 m/s or unsafe above", blind,
+        lines.append(_aimed("blind descents, unsafe at a stop", blind,
                             "unsafe", 0))  # fmt: skip
     return table(["flights", "count", "aim"], lines)
 
@@ -204,10 +204,9 @@ def page(records: Records) -> str:
         "# Faults in flight",
         "Every fault begins in these phases: " + ", ".join(newest["phases"]) + ".",
         "*Noticed* is the median time until a row of the log names a fault or leaves its mode, "
-        "over the flights in which one does; their number stands beside it. A dash is a fault of "
-        "which no row tells. Either the flight went on as if nothing were, or it ended in the "
-        "tick of the fault, which leaves no row, as with exceptions for ever and a full disk: the "
-        "ending says which.",
+        "over the flights in which one does; their number stands beside it. A dash: no row names "
+        "the fault. Either the flight went on as if nothing were, or no tick after the "
+        "fault left a row, as with exceptions for ever and a full disk: the ending says which.",
         "Speeds are the hardest contacts with the stops. The carriage's column is how far it was "
         "from home, which counts for nothing in what is unsafe. A fault without a length lasts "
         "for ever.",
