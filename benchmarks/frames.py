@@ -1,8 +1,8 @@
 """Whether any frame, damaged frame or noise makes the firmware's decisions do what they must not.
 
 Compiles the decisions with sanitizers and a driver that sends them what a broken cable and a mad
-host could send, and checks after every byte and every tick what must hold. One core takes about
-six minutes for 10⁸ frames.
+host could send, and checks after every byte and every tick what must hold. One core takes
+about half an hour for 10⁸ frames.
 
     python -m benchmarks.frames --count 100000000 --json docs/records/frames.json
 """

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 _LOOK_S = 0.1  # how often who waits is heard
 
@@ -43,16 +44,27 @@ def run_apart(
     `waiting` is called again and again meanwhile. Raises TimeoutError after `seconds`; the process
     is then killed with those that it started, as after whatever `waiting` raises.
     """
-    process = _started(module, argument, given)
-    try:
-        return _ended(process, seconds, waiting)
-    except BaseException:  # Ctrl-C as well
-        os.killpg(process.pid, signal.SIGKILL)  # with the compiler that it may have started
-        process.communicate()
-        raise
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        process = _started(module, argument, given, out, err)
+        try:
+            status = _status(process, seconds, waiting)
+        except BaseException:  # Ctrl-C as well
+            os.killpg(process.pid, signal.SIGKILL)  # with the compiler that it may have started
+            process.wait()
+            raise
+        return Ended(status, _written(out), _written(err))
 
 
-def _started(module: str, argument: str, given: bytes) -> "subprocess.Popen[bytes]":
+def _written(file: IO[bytes]) -> bytes:
+    """What was written to a file, whose place is shared with who wrote."""
+    file.seek(0)
+    return file.read()
+
+
+def _started(
+    module: str, argument: str, given: bytes, out: IO[bytes], err: IO[bytes]
+) -> "subprocess.Popen[bytes]":
+    """The process; it writes to files, as their size has a limit and what is in a pipe has none."""
     paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
     with tempfile.TemporaryFile() as file:
         file.write(given)
@@ -60,23 +72,19 @@ def _started(module: str, argument: str, given: bytes) -> "subprocess.Popen[byte
         return subprocess.Popen(  # noqa: S603
             [sys.executable, "-P", "-m", module, argument],
             stdin=file,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stdout=out,
+            stderr=err,
             start_new_session=True,  # a terminal's Ctrl-C is for the parent, which ends it
             env=os.environ
             | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": paths},
         )
 
 
-def _ended(
-    process: "subprocess.Popen[bytes]", seconds: float, waiting: Callable[[], None]
-) -> Ended:
+def _status(process: "subprocess.Popen[bytes]", seconds: float, waiting: Callable[[], None]) -> int:
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         try:
-            out, err = process.communicate(timeout=_LOOK_S)
+            return process.wait(timeout=_LOOK_S)
         except subprocess.TimeoutExpired:
             waiting()
-        else:
-            return Ended(process.returncode, out, err)
     raise TimeoutError

@@ -6,37 +6,17 @@ a hang, ends that process and not the one that is about to fly; Ctrl-C ends it a
 """
 
 import json
-import math
-import os
 import signal
 import sys
-import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict
 from typing import Any
 
-from runtime.io.realtime import become_ordinary
+from runtime.limits import Limits, limit, ordinary
 from runtime.own_process import Ended, run_apart
 from runtime.replay import Difference, Replay, replay
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.package import Package, package_from_bytes
-
-_MIB = 1 << 20
-_OWN_END_S = 1.0  # after the limit, should nobody be left to end it
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a trial may take: seconds, processor time, and memory beyond what libraries take.
-
-    A reservoir of 4,000 neurons, the largest package, takes a quarter of the memory.
-    """
-
-    seconds: float = 240.0
-    cpu_s: float = 120.0
-    memory_mib: int = 1024
-
 
 LIMITS = Limits()
 _passed: dict[str, Replay] = {}
@@ -93,26 +73,9 @@ def _answer(ended: Ended, limits: Limits) -> Replay:
 def main() -> None:
     """In the process of its own: limits, then the package from standard input, then the answer."""
     limits = Limits(**json.loads(sys.argv[1]))
-    if hasattr(os, "sched_getscheduler"):
-        become_ordinary()  # the loop that tries its package anew may have real-time priority
-    _limit(limits)
+    ordinary()
+    limit(limits)
     sys.stdout.write(json.dumps(_replay_summary(sys.stdin.buffer.read())))
-
-
-def _limit(limits: Limits) -> None:
-    """Let the kernel end this process; libraries have been loaded and do not count."""
-    if sys.platform == "win32":
-        return
-    import resource
-
-    signal.alarm(math.ceil(limits.seconds + _OWN_END_S))
-    cpu_s = math.ceil(time.process_time() + limits.cpu_s)
-    resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    if sys.platform == "linux":  # elsewhere the kernel does not count it
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        most = pages * resource.getpagesize() + limits.memory_mib * _MIB
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
 def _replay_summary(model: bytes) -> dict[str, Any]:

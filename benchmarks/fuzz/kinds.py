@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 
-from benchmarks.fuzz import gantry, gap, learning, logs, recordings, tuning
+from benchmarks.fuzz import gantry, gap, learning, logs, recordings, systems, tuning
 from benchmarks.fuzz.kind import Kind
 
 MAKE: dict[str, Callable[[], Kind]] = {
@@ -12,6 +12,7 @@ MAKE: dict[str, Callable[[], Kind]] = {
     **gap.kinds(),
     **recordings.kinds(),
     **logs.kinds(),
+    **systems.kinds(),
 }
 
 

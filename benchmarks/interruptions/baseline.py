@@ -11,6 +11,7 @@ from benchmarks.interruptions.processes import Command, Ended, Stroke, wakedeplo
 from benchmarks.interruptions.whole import broken_files
 
 _ENDLESS_S = 10.0
+_ENDLESS_BYTES = 60_000  # what a recording of some seconds takes
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def measured(case: Case, work: Path) -> Baseline:
     """Run a command undisturbed; RuntimeError where even that fails."""
     begins_s = _begins_s(work)
     if case.endless:
-        return Baseline(_ENDLESS_S, begins_s, 0, 0, None)
+        return Baseline(_ENDLESS_S, begins_s, 0, _ENDLESS_BYTES, None)
     with Place(work) as place:
         ended = place.run(case)
         broken = broken_files(place.folder)

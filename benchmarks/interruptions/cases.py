@@ -143,7 +143,7 @@ def cases(world: World) -> list[Case]:
             lambda folder: None,
             4,
             endless=True,  # on a busy machine a flight in real time may end in a failsafe
-            kinds=("kills", "requests"),
+            kinds=("kills", "requests", "disks"),
         ),
         Case(
             "run-gantry, many flights",

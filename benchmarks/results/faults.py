@@ -33,6 +33,11 @@ def faults(records: Records) -> Section:
             _loops(campaigns),
             _false_alarms(healthy),
             _blind(_existing(records, {PRESENT: BLIND})),
+            _against_aims(
+                newest,
+                _newest_rows(records, HEALTHY),
+                _newest_rows(records, {PRESENT: BLIND}),
+            ),
         ),
         (
             "python -m benchmarks.faults --mismatch --json docs/records/faults.json",
@@ -157,6 +162,41 @@ def _blind(campaigns: Mapping[str, Mapping[str, Any]]) -> str:
     )
 
 
+def _newest_rows(records: Records, names: Mapping[str, str]) -> list[Row]:
+    """The rows of the newest of some records."""
+    newest = list(_existing(records, names).values())[-1:]
+    return newest[0]["rows"] if newest else []
+
+
+# What no more than this many flights may do: of a campaign, of 500 healthy ones with wakes up to
+# twice as strong, of 100 with stronger ones. A blind descent ends at 1.0 m/s at most.
+_STRONGER = "2 to 3"
+_MOST_ENDED = {"0.5 to 2": 0, _STRONGER: 1}
+
+
+def _against_aims(campaign: Mapping[str, Any], healthy: list[Row], blind: list[Row]) -> str:
+    """Counts beside what they were to be."""
+    lines = []
+    for plant in (name for name in PLANTS if name in campaign):
+        saveable = _by_group(campaign[plant]["faults"])[ALL]
+        lines.append(_aimed(f"unsafe though it could be saved, {PLANTS[plant]}", saveable,
+                            "unsafe", 0))  # fmt: skip
+    for wake, most in _MOST_ENDED.items():
+        rows = [row for row in healthy if row["wake"] == wake]
+        if rows:
+            lines.append(_aimed(f"healthy, ended early, wake × {wake}", rows, "ended_early", most))
+    if blind:
+        lines.append(_aimed("blind descents, unsafe at a stop", blind,
+                            "unsafe", 0))  # fmt: skip
+    return table(["flights", "count", "aim"], lines)
+
+
+def _aimed(what: str, rows: Sequence[Row], key: str, most: int) -> list[str]:
+    count, flights = (sum(row[name] for row in rows) for name in (key, "flights"))
+    missed = ", missed" if count > most else ""
+    return [what, f"{count} of {flights}", f"{'at most ' if most else ''}{most}{missed}"]
+
+
 _LANDINGS = ("median_lower", "p95_lower", "worst_lower", "worst_upper")
 
 
@@ -193,9 +233,13 @@ def page(records: Records) -> str:
     return paragraphs(
         "# Faults in flight",
         "Every fault begins in these phases: " + ", ".join(newest["phases"]) + ".",
-        "*Noticed* is the median time until the loop names a fault or leaves its mode. Speeds are "
-        "the hardest contacts with the stops. The carriage's column is how far it was from home, "
-        "which counts for nothing in what is unsafe. A fault without a length lasts for ever.",
+        "*Noticed* is the median time until a row of the log names a fault or leaves its mode, "
+        "over the flights in which one does; their number stands beside it. A dash: no row names "
+        "the fault. Either the flight went on as if nothing were, or no tick after the "
+        "fault left a row, as with exceptions for ever and a full disk: the ending says which.",
+        "Speeds are the hardest contacts with the stops. The carriage's column is how far it was "
+        "from home, which counts for nothing in what is unsafe. A fault without a length lasts "
+        "for ever.",
         *(
             paragraphs(f"## {PLANTS[plant].capitalize()}", _all(newest[plant]["faults"]))
             for plant in PLANTS
@@ -246,7 +290,7 @@ def _all(rows: Sequence[Row]) -> str:
     return paragraphs(*parts)
 
 
-_HEAD = ["fault", "unsafe", "lower [m/s]", "upper [m/s]", "carriage [m]", "noticed [s]"]
+_HEAD = ["fault", "unsafe", "lower [m/s]", "upper [m/s]", "carriage [m]", "noticed [s] (flights)"]
 _HEAD += ["most common ending"]
 
 
@@ -263,6 +307,6 @@ def _line(row: Row) -> list[str]:
         f"{row['worst_lower_mps']:.2f}",
         f"{row['worst_upper_mps']:.2f}",
         f"{row['worst_reach_m']:.2f}",
-        "–" if noticed_s is None else f"{noticed_s:.2f}",
+        "–" if noticed_s is None else f"{noticed_s:.2f} ({row['detected']} of {row['flights']})",
         f"{ending} ({count})",
     ]

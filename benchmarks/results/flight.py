@@ -197,8 +197,8 @@ def soak(records: Records) -> Section:
         f"wire, the board and the recorder are those of the rig. The longest took {hours:.1f} h.",
         paragraphs(
             table(["", "measured"], lines),
-            "What grows is the log's index, which is written at its end, and the summary's "
-            "numbers of each tick.",
+            "Kept until the flight ends are the log's index, which is written then, and the "
+            "summary's numbers of each tick. How much of the growth is theirs was not measured.",
         ),
         (
             "wakedeploy data make gantry --minutes 6 --out sets/gantry",

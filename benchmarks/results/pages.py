@@ -84,6 +84,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         simulators.downwash_speed,
         simulators.field_step,
         simulators.estimates,
+        simulators.firmware_size,
         simulators.mutants,
         simulators.frames,
     ),

@@ -111,3 +111,17 @@ def mutants(records: Records) -> Section:
         paragraphs(table(["", "changes"], lines)),
         ("make mutants",),
     )
+
+
+def firmware_size(records: Records) -> Section:
+    """How much of the UNO the sketch takes."""
+    lines = [
+        [row["memory"], *(f"{row[f'{name}bytes']:,}" for name in ("", "ceiling_", "chip_"))]
+        for row in records.json("firmware-size.json")["rows"]
+    ]
+    return Section(
+        "Size of the firmware",
+        "The sketch as it is uploaded to the UNO. A test fails above the ceilings.",
+        paragraphs(table(["memory", "bytes", "ceiling", "the UNO has"], lines)),
+        ("python -m benchmarks.firmware_size --json docs/records/firmware-size.json",),
+    )

@@ -5,7 +5,7 @@ training-time forward gave, or CheckFailed.
 """
 
 import re
-import subprocess
+import signal
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,10 +21,12 @@ from runtime.compiled.compiler import (
     version_of,
 )
 from runtime.compiled.folder import CFolder, Proof
+from runtime.limits import Limits, run_limited
+from runtime.own_process import Ended
 from wakedeploy.core.errors import shown
 
 _SAID = re.compile(r"max_rel (\S+) over (\d+) steps")
-_LIMIT_S = 120.0
+LIMITS = Limits(seconds=120.0, cpu_s=60.0)
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def proved(
     """Repeat the self-test at -O2, with the loop's flags and with `extra_flags`.
 
     Raises UnusableInput where there is no compiler, CheckFailed where a build does not compile,
-    does not end, or differs by more than the folder's limit. `waiting` is called between builds.
+    exceeds `LIMITS`, or differs by more than the folder's limit. `waiting` is called meanwhile.
     """
     compiler = host_compiler()
     builds = dict.fromkeys((PLAIN, native_flags(compiler)))
@@ -57,7 +59,7 @@ def proved(
     proofs, steps = [], 0
     for flags in builds:
         waiting()
-        difference, steps = _tested(folder, compiler, flags)
+        difference, steps = _tested(folder, compiler, flags, waiting)
         proofs.append(
             Proof(compiler=version_of(compiler), flags=" ".join(flags), max_rel=difference)
         )
@@ -74,20 +76,29 @@ def require_proof(folder: CFolder, waiting: Callable[[], None] = lambda: None) -
         _passed.add(folder.sha256)
 
 
-def _tested(folder: CFolder, compiler: Compiler, flags: Sequence[str]) -> tuple[float, int]:
+def _tested(
+    folder: CFolder, compiler: Compiler, flags: Sequence[str], waiting: Callable[[], None]
+) -> tuple[float, int]:
     with tempfile.TemporaryDirectory(prefix="wakedeploy-c-") as place:
         program = Path(place) / "self-test"
         compiled([folder.source, folder.test], program, flags, compiler)
         try:
-            ended = subprocess.run(  # noqa: S603
-                [program], capture_output=True, text=True, timeout=_LIMIT_S, check=False
-            )
-        except subprocess.TimeoutExpired as error:
-            what = f"its self-test had not ended after {_LIMIT_S:g} s with {' '.join(flags)}"
+            ended = run_limited(program, LIMITS, waiting)
+        except TimeoutError as error:
+            what = f"its self-test had not ended after {LIMITS.seconds:g} s with {' '.join(flags)}"
             raise BuildFailed(folder.path, what, "do not fly it.", flags) from error
-    said = _SAID.search(ended.stdout)
-    if ended.returncode != 0 or said is None:
-        message = shown(ended.stdout + ended.stderr)[:300] or f"exit status {ended.returncode}"
-        what = f"its self-test fails with {' '.join(flags)} ({message})"
+    if ended.status == -signal.SIGXCPU:
+        what = f"its self-test took more than {LIMITS.cpu_s:g} s of processor time"
+        raise BuildFailed(folder.path, f"{what} with {' '.join(flags)}", "do not fly it.", flags)
+    text = ended.out.decode(errors="replace")
+    said = _SAID.search(text)
+    if ended.status != 0 or said is None:
+        what = f"its self-test fails with {' '.join(flags)} ({_complaint(ended, text)})"
         raise BuildFailed(folder.path, what, "do not fly it, export it again.", flags)
     return float(said[1]), int(said[2])
+
+
+def _complaint(ended: Ended, text: str) -> str:
+    """What a self-test said, else how it ended; one that takes memory beyond its limit crashes."""
+    said = shown(text + ended.err.decode(errors="replace"))[:300]
+    return said if said and ended.status >= 0 else ended.why

@@ -43,6 +43,10 @@ _UNO = (
 )
 _AVR_CPP = ("avr-g++", *_UNO, "-std=gnu++11", "-fno-exceptions", "-fno-threadsafe-statics")
 
+FLASH_BYTES, RAM_BYTES = 32256, 2048  # of the UNO; the rest of its flash is the boot loader's
+MOST_FLASH_BYTES = 8 * 1024  # that the sketch may take
+MOST_RAM_BYTES = 512  # likewise, the stack not counted: the deepest call takes about 200 more
+
 Command = Sequence[str | Path]
 
 
@@ -225,8 +229,8 @@ def main() -> None:
     except UnusableInput as error:
         sys.exit(str(error))
     sys.stdout.write(
-        f"{built.hex}\n{built.flash_bytes} of 32256 bytes of flash, "
-        f"{built.ram_bytes} of 2048 bytes of RAM without the stack\n"
+        f"{built.hex}\n{built.flash_bytes} of {FLASH_BYTES} bytes of flash, "
+        f"{built.ram_bytes} of {RAM_BYTES} bytes of RAM without the stack\n"
     )
 
 

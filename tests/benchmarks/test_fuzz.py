@@ -1,6 +1,7 @@
-"""A thousand damaged files and more of every cheap kind: read, or refused in a sentence, at once.
+"""Damaged files of every cheap kind, some of each: read, or refused in a sentence, at once.
 
-`python -m benchmarks.fuzz` reads a million more; what it judges by is tested here, too.
+`python -m benchmarks.fuzz` reads others for as long as it is asked to; docs/records/fuzz.json has
+how many of which kind it has read. What it judges by is tested here, too.
 """
 
 import os
@@ -25,7 +26,7 @@ FILES = {
     "gap-fits": 20, "gap-benchmark": 15, "fish": 20, "quadrotor": 20, "crazyflie": 30, "motor": 30,
     "table-csv": 50, "table-npz": 50, "table-mat": 10, "table-parquet": 30, "table-hdf5": 6,
     "table-mcap": 20, "table-rosbag": 10, "table-ros-mcap": 10, "table-ulog": 20,
-    "table-columns": 50,
+    "table-columns": 50, "mjcf": 150, "own-log": 100, "own-answer": 100,
 }  # fmt: skip
 SEED = 1
 

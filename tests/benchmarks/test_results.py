@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import keep, records, tuned
-from benchmarks.results import compiled, first_minutes, flight, readme
+from benchmarks.results import compiled, faults, first_minutes, flight, readme
 from benchmarks.results.pages import SECTIONS, Pages
 from benchmarks.results.section import ARCHITECTURES, Records
 from wakedeploy.study.pareto import Point, by_flash, by_instructions, by_ram, front
@@ -220,3 +220,36 @@ def test_a_command_over_its_bound_is_named(tmp_path: Path) -> None:
         record["rows"][0]["processor_s"] = [0.1, processor_s, processor_s]
         path.write_text(json.dumps(record))
         assert verdict in first_minutes.first_minutes(Records(tmp_path)).body
+
+
+def test_counts_of_unsafe_and_ended_flights_stand_beside_their_aims(tmp_path: Path) -> None:
+    fault = {"fault": "x", "group": "link", "survivable": True, "flights": 30, "unsafe": 0,
+             "unsafe_above_1_5_mps": 0}  # fmt: skip
+    campaign = {"seconds": 14, "phases": ["at rest"], "exact": {"faults": [fault]}}
+    healthy = {"pilot": "PID", "flights": 50, "degraded_share": 0.0, "unsafe": 0}
+    ended = [healthy | {"wake": "0.5 to 2", "ended_early": 1} for _ in range(2)]
+    ended += [healthy | {"wake": "2 to 3", "ended_early": count} for count in (1, 0)]
+    blind = {"fault": "link cut", "wake_factor": 2.0, "flights": 100, "unsafe": 4,
+             **{f"{name}_mps": 0.5 for name in faults._LANDINGS}}  # fmt: skip
+    for name, content in (
+        ("faults.json", campaign),
+        ("faults-healthy.json", {"rows": ended}),
+        ("faults-blind.json", {"rows": [blind]}),
+    ):
+        records.write(tmp_path / name, content)
+    body = faults.faults(Records(tmp_path)).body
+    for row in (
+        "| unsafe though it could be saved, exact plant | 0 of 30 | 0 |",
+        "| healthy, ended early, wake × 0.5 to 2 | 2 of 100 | 0, missed |",
+        "| healthy, ended early, wake × 2 to 3 | 1 of 100 | at most 1 |",
+        "| blind descents, unsafe at a stop | 4 of 100 | 0, missed |",
+    ):
+        assert row in body
+
+
+def test_a_median_says_of_how_many_flights_it_is() -> None:
+    row = {"fault": "x", "survivable": True, "unsafe": 0, "flights": 30, "worst_lower_mps": 0.4,
+           "worst_upper_mps": 0.0, "worst_reach_m": 0.3, "endings": {"whole": 28},
+           "detected": 7, "median_detection_s": 0.25}  # fmt: skip
+    assert "0.25 (7 of 30)" in faults._line(row)
+    assert "–" in faults._line(row | {"detected": 0, "median_detection_s": None})

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from wakedeploy.cli.gap import command
 from wakedeploy.cli.gap_system import next_commands
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.correction import Correction, Document, Named, write_correction
@@ -126,6 +127,27 @@ column = "encoder_mm"
 role = "output"
 unit = "mm"
 """
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time_s,voltage_v,position_m\n", "no CSV with a time_s"),
+        ("time_s,voltage_v,position_m\n0,0,0\n", "two rows or more"),
+        ("time_s,voltage_v,position_m\n0,0,0\n-inf,0,0\ninf,1,1\n", "time_s needs"),
+        ("time_s,voltage_v,position_m\n0,0,0\nx,0,0\n0.02,1,1\n", "time_s needs"),
+        ("time_s,voltage_v,position_m\n0,0,0\n0.01,0,1e300\n", "column 'position_m' has"),
+        ("time_s,voltage_v,voltage_v\n0,0,0\n0.01,0,1\n", "two columns are called 'voltage_v'"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_no_log_has_are_refused_without_a_warning(folder, tmp_path, text, says):
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    with pytest.raises(UnusableInput) as error:
+        read_plain(path, read_system(folder / "my_robot.py"))
+    assert str(error.value).startswith(f"{path}: ")
+    assert says in str(error.value)
 
 
 @pytest.fixture(scope="module")

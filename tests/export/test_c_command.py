@@ -5,7 +5,9 @@ import os
 import re
 import shutil
 import subprocess
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,14 +15,16 @@ from click.testing import CliRunner
 from made_packages import package_of, parsed, sound, tiny_manifest, tiny_model
 from needs import c_compiler
 
+from runtime.compiled import proof
 from runtime.compiled.compiler import host_compiler
 from runtime.compiled.driven import driven
 from runtime.compiled.folder import read_c_folder
 from runtime.compiled.predictor import CompiledPredictor
 from runtime.compiled.proof import proved
+from runtime.limits import Limits
 from runtime.predictor import PackagePredictor
 from wakedeploy.cli import main
-from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.package import Package, write_package
 
 pytestmark = [c_compiler]
@@ -373,3 +377,36 @@ def test_an_empty_graph_name_is_enough(tmp_path):
         write_package(sound(package_of(tiny_model(kind), tiny_manifest(kind))), tmp_path / "p.onnx")
         said = wakedeploy("export", "--package", tmp_path / "p.onnx", "--c", tmp_path / kind)
         assert said.exit_code == 0, said.output
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ("for (;;) { }", "took more than 1 s of processor time with -O2; do not fly it."),
+        ("sleep(60);", "had not ended after 3 s with -O2; do not fly it."),
+        ("if (!fork()) { sleep(60); } wait(0);", "had not ended after 3 s with -O2"),
+        ("char *p; while ((p = malloc(1 << 24))) memset(p, 1, 1 << 24); abort();", "SIGABRT"),
+        ('for (;;) puts("max_rel 0 over 1 steps");', "fails with -O2 (was ended by SIGXFSZ"),
+    ],
+    ids=["spins", "sleeps", "forks", "takes memory", "prints"],
+)
+def test_a_strangers_self_test_meets_its_limits(tmp_path, monkeypatch, body, says):
+    """It is a program that anybody wrote: it is ended as a package's trial is."""
+    seconds = 30.0 if "processor" in says else 3.0  # a busy machine gives little of its own
+    monkeypatch.setattr(proof, "LIMITS", Limits(seconds=seconds, cpu_s=1.0, memory_mib=256))
+    headers = "".join(f"#include <{n}.h>\n" for n in ("stdio", "stdlib", "string", "unistd"))
+    source, test = tmp_path / "source.c", tmp_path / "test.c"
+    source.write_text("extern int nothing;\nint nothing = 0;\n")
+    test.write_text(
+        f"#define _POSIX_C_SOURCE 200809L\n{headers}#include <sys/wait.h>\n"
+        f"int main(void) {{ {body} return 0; }}\n"
+    )
+    folder = SimpleNamespace(path=tmp_path, source=source, test=test)
+    began_s = time.monotonic()
+    with pytest.raises(CheckFailed) as failed:
+        proved(folder)
+    assert says in str(failed.value)
+    assert "do not fly it" in str(failed.value)
+    assert time.monotonic() < began_s + 40.0
+    started = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text()
+    assert not started.split()

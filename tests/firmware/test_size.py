@@ -2,12 +2,9 @@
 
 import needs
 
-from runtime.virtual.firmware_build import firmware
+from runtime.virtual.firmware_build import MOST_FLASH_BYTES, MOST_RAM_BYTES, firmware
 
 pytestmark = needs.avr_compiler
-
-MOST_FLASH_BYTES = 8 * 1024  # of 31.5 KiB; less than 8 KiB are used
-MOST_RAM_BYTES = 512  # of 2 KiB, the stack not counted; the deepest call takes about 200 more
 
 
 def test_flash_and_ram_stay_below_their_ceilings():

@@ -146,7 +146,7 @@ def processor_time_s(pid: int) -> float:
 
 
 def test_a_trial_whose_parent_is_gone_ends_by_itself():
-    code = "import runtime.trial as t; t._limit(t.Limits(seconds=0.1))\nwhile True: pass"
+    code = "import runtime.limits as t; t.limit(t.Limits(seconds=0.1))\nwhile True: pass"
     ended = subprocess.run([PYTHON, "-c", code], cwd=ROOT, timeout=20, check=False)
     assert ended.returncode == -signal.SIGALRM
 

@@ -13,9 +13,12 @@ from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
     from wakedeploy.gap.evidence.inference import Fit
+    from wakedeploy.gap.search.artefacts import Answer
     from wakedeploy.gap.systems.logs import LogModel
     from wakedeploy.gap.systems.planning.plan import Plan
 
+NAME = "name.json"
+_ANEW = "run `wakedeploy gap name` anew, with the same --system, --measured and --out"
 _SHOWN = 8  # inputs
 
 
@@ -31,15 +34,16 @@ def run_plan(
     """Which input to record next, on the terminal and as files."""
     from wakedeploy.gap.systems.planning.plan import plan
 
-    answer = _named(out)
-    chosen = names or tuple(answer.get("class", ()))
+    answer = stated_answer(out)
+    chosen = names or tuple(answer.rivals if answer else ())
     if not chosen:
         raise UnusableInput(
             "Say what to look for: --class NAME, or --out with a class in name.json."
         )
     with stages() as progress:
         model, base = _fitted(system_path, measured, columns, progress)
-        made = plan(model, base, chosen, _sizes(answer, model, chosen),
+        sizes = {} if out is None or answer is None else stated_sizes(out, answer, model, chosen)
+        made = plan(model, base, chosen, sizes,
                     lambda done, of: progress("trying inputs", done, of))  # fmt: skip
     _tell(made)
     if json_path is not None:
@@ -89,29 +93,52 @@ def _fitted(
     return model, fitted_base(model)
 
 
-def _named(out: Path | None) -> dict[str, Any]:
-    """What `gap name` left in a folder; nothing without one."""
+def stated_answer(out: Path | None) -> "Answer | None":
+    """What `gap name` left in a folder; None without one.
+
+    Raises UnusableInput where it left nothing that can be read.
+    """
     from wakedeploy.core.files import json_of, text_of
+    from wakedeploy.gap.search.artefacts import Answer, stated
 
     if out is None:
-        return {}
+        return None
+    path = out / NAME
     try:
-        answer = json_of(text_of(out / "name.json"))
+        content = json_of(text_of(path))
     except (OSError, ValueError) as error:
-        raise UnusableInput(f"{out / 'name.json'} cannot be read; `gap name` writes it.") from error
-    return answer if isinstance(answer, dict) else {}
+        raise UnusableInput(f"{path} cannot be read; {_ANEW}.") from error
+    if not isinstance(content, dict):
+        raise UnusableInput(f"{path} has no answer; {_ANEW}.")
+    return stated(path, content, Answer, _ANEW)
 
 
-def _sizes(
-    answer: dict[str, Any], model: "LogModel", names: tuple[str, ...]
+def stated_sizes(
+    out: Path, answer: "Answer", model: "LogModel", names: tuple[str, ...]
 ) -> dict[str, tuple[float, ...]]:
-    """The parameters of the effects as the first round that ranked them fitted them."""
-    ranking = {e["name"]: e["parameters"] for r in answer.get("rounds", ()) for e in r["ranking"]}
-    return {
-        name: tuple(float(ranking[name][f.name]["value"]) for f in model.effects[name])
-        for name in names
-        if name in ranking and name in model.effects
-    }
+    """The parameters of the effects as the last round that ranked them fitted them.
+
+    Raises UnusableInput for an effect of the answer that the system does not have, and for one
+    that is ranked without values that its parameters can have.
+    """
+    path = out / NAME
+    for name in answer.rivals:
+        if name not in model.effects:
+            raise UnusableInput(f"{path}: {name!r} is no effect of {model.name}; {_ANEW}.")
+    ranking = {e.name: e.parameters for r in answer.rounds for e in r.ranking}
+    sizes = {}
+    for name in names:
+        if name not in ranking or name not in model.effects:
+            continue
+        for free in model.effects[name]:
+            size = ranking[name].get(free.name)
+            if size is None or not free.low <= size.value <= free.high:  # false for NaN, too
+                raise UnusableInput(
+                    f"{path}: {free.name} has no value between {free.low:g} and {free.high:g}; "
+                    f"{_ANEW}."
+                )
+        sizes[name] = tuple(ranking[name][free.name].value for free in model.effects[name])
+    return sizes
 
 
 def _tell(made: "Plan") -> None:

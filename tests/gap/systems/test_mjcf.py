@@ -160,7 +160,17 @@ def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("<mujoco", "MuJoCo cannot read it (XML parse error"),
+        ("<mujoco", "it is no XML (unclosed token"),
+        ("<mujoco/>", "no hinge or slide joint"),
+        (ARM.replace("armature", "armatur", 1), "MuJoCo cannot read it (XML Error"),
+        (ARM.replace('armature="0.005"', 'armature="inf"'), "joint has armature='inf'"),
+        (ARM.replace('armature="0.005"', 'armature="-0.005"').replace('mass="0.3"', 'mass="1e-9"'),
+         "what it moves has no usable mass"),
+        (ARM.replace('"elbow"', '"²"'), "joint '²': give it a name of letters"),
+        (ARM.replace("<option", '<size nuser_body="1000000000"/><option'), "size has nuser_body="),
+        (ARM.replace("<worldbody>", '<worldbody><replicate count="100"><replicate count="100">'
+                     '<site/></replicate></replicate>'), "more than 5000 elements"),
+        ("<!DOCTYPE mujoco [<!ENTITY a 'b'>]>" + ARM.strip(), "it declares a document type"),
         (_ALL_BUT_SENSORS.replace('axis="0 1 0"', 'type="ball"', 1),
          "joint 'shoulder' is free or a ball"),
         (ARM.replace('name="elbow" axis', "axis").replace('joint="elbow"', 'joint="shoulder"'),
@@ -177,6 +187,40 @@ def test_what_no_system_can_have_is_said_in_a_sentence(
         read_elements(path)
     assert str(error.value).startswith(f"{path}: ")
     assert said in str(error.value)
+
+
+def test_names_in_another_encoding_are_refused(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    path.write_bytes(path.read_bytes().replace(b"upper", "unté".encode("latin-1")))
+    with pytest.raises(UnusableInput, match="it is no UTF-8 text"):
+        read_elements(path)
+
+
+def test_a_file_that_is_included_is_bounded_too(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    path.write_text(path.read_text().replace("<option", '<include file="more.xml"/><option'))
+    (tmp_path / "more.xml").write_text('<mujoco><option density="nan"/></mujoco>')
+    with pytest.raises(UnusableInput, match=r"more.xml \(included by .*arm.xml\): option has"):
+        read_elements(path)
+
+
+def test_mujoco_s_warnings_go_nowhere(tmp_path: Path) -> None:
+    """They would stand in the middle of a command's output, and in a file beside the user's."""
+    path = written(tmp_path)
+    masses = 'armature="-0.005"', 'mass="1e-9"'
+    path.write_text(path.read_text().replace('armature="0.005"', masses[0])
+                    .replace('mass="0.3"', masses[1]))  # fmt: skip
+    code = (
+        "from pathlib import Path\n"
+        "from wakedeploy.gap.systems.mjcf import elements\n"
+        "try: elements.read_elements(Path('arm.xml'))\n"
+        "except elements.UnusableInput: pass\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert ended.stdout + ended.stderr == ""
+    assert [file.name for file in tmp_path.iterdir()] == ["arm.xml"]
 
 
 def test_names_that_the_model_does_not_have_are_refused(tmp_path: Path) -> None:

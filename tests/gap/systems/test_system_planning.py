@@ -1,5 +1,7 @@
 """What logs can tell, and which input tells more: held against logs that are made and fitted."""
 
+import json
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -7,6 +9,8 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.cli import main
+from wakedeploy.cli.gap_plan_system import stated_answer, stated_sizes
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import extended, fit
 from wakedeploy.gap.search.judging import fitted_base
@@ -91,3 +95,40 @@ def test_options_of_a_rig_and_of_a_system_do_not_mix() -> None:
     told = CliRunner().invoke(main, ["gap", "plan", "--measured", "x.csv", "--class", "lag"])
     assert told.exit_code == 2
     assert "go with '--system'" in told.output
+
+
+def test_sizes_come_from_a_whole_answer_of_the_same_system(model, tmp_path) -> None:
+    """What `gap name` wrote is taken; what another program, or hand, left is refused by name."""
+    sizes = {f"{DRAG}.coefficient": {"value": 0.2, "low": 0.1, "high": 0.3, "unit": "N/(m/s)"}}
+    ranked = {"name": DRAG, "gain_nats": 9.0, "interval": [8.0, 10.0], "parameters": sizes}
+    told = {
+        "version": 1, "domain": "Mass", "verdict": "class", "class": [DRAG, LAG],
+        "threshold_nats": 3.0, "effects": [], "parameters": {}, "constants": {}, "noise": {},
+        "rounds": [{"given": [], "threshold_nats": 3.0, "ranking": [ranked]}], "unsettled": [],
+        "sealed_gain_nats": 4.0,
+    }  # fmt: skip
+
+    def stated(**changes) -> dict[str, tuple[float, ...]]:
+        (tmp_path / "name.json").write_text(json.dumps(told | changes))
+        answer = stated_answer(tmp_path)
+        return stated_sizes(tmp_path, answer, model, tuple(answer.rivals))
+
+    def with_sizes(**size: object) -> list[object]:
+        held = {key: value | size for key, value in sizes.items()} if size else {}
+        ranking = [ranked | {"parameters": held}]
+        return [{"given": [], "threshold_nats": 3.0, "ranking": ranking}]
+
+    assert stated() == {DRAG: (0.2,)}
+    for changes, says in (
+        ({"rounds": 3}, "rounds = 3"),
+        ({"class": None}, "class"),
+        ({"class": ["wake"]}, "'wake' is no effect of Mass"),
+        ({"rounds": with_sizes()}, f"{DRAG}.coefficient has no value between"),
+        ({"rounds": with_sizes(value=None)}, "has no value between"),
+        ({"rounds": with_sizes(value=1e12)}, "has no value between"),
+    ):
+        with pytest.raises(UnusableInput) as error:
+            stated(**changes)
+        assert str(error.value).startswith(f"{tmp_path / 'name.json'}: ")
+        assert says in str(error.value)
+        assert "run `wakedeploy gap name` anew" in str(error.value)

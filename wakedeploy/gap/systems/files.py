@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+import warnings
 from pathlib import Path
 from types import ModuleType
 
@@ -10,6 +11,9 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.system import System, checked
+
+_LATEST_S = 1e11  # seconds: clocks since 1970 show a sixtieth of it
+_LARGEST = 1e15  # in any unit, nothing that was measured is so large
 
 
 def read_system(place: str | Path) -> System:
@@ -38,7 +42,9 @@ def read_plain(path: Path, system: System) -> Recording:
     try:
         with path.open(encoding="utf-8") as file:
             names = [n.strip().strip('"') for n in file.readline().split(",")]
-            table = np.genfromtxt(file, delimiter=",", ndmin=2)
+            with warnings.catch_warnings():  # of a file without rows, which is told below
+                warnings.simplefilter("ignore")
+                table = np.genfromtxt(file, delimiter=",", ndmin=2)
     except OSError as error:
         raise UnusableInput(f"{path}: {one_line(error)}; give a log that can be read.") from error
     except ValueError as error:  # UnicodeDecodeError is one
@@ -47,10 +53,22 @@ def read_plain(path: Path, system: System) -> Recording:
         raise UnusableInput(
             f"{path}: no CSV with a time_s among {len(names)} columns; {_by_columns(path)}"
         )
+    doubled = next((name for name in names if names.count(name) > 1), None)
+    if doubled is not None:
+        raise UnusableInput(f"{path}: two columns are called {doubled!r}; rename or remove one.")
     columns = dict(zip(names, table.T, strict=True))
     time_s = columns.pop("time_s")
+    if len(time_s) < 2 or not np.all(np.abs(time_s) < _LATEST_S):  # false for NaN, too
+        raise UnusableInput(
+            f"{path}: time_s needs two rows or more, each a number of seconds; mend the file."
+        )
+    for name in [*(i.name for i in system.inputs), *(o.name for o in system.outputs)]:
+        if np.any(np.abs(columns.get(name, 0.0)) > _LARGEST):  # NaN is a reading that is missing
+            raise UnusableInput(
+                f"{path}: column {name!r} has numbers beyond ±{_LARGEST:g}; mend the file."
+            )
     steps = np.diff(time_s)
-    if len(steps) < 1 or not np.all(np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)):
+    if not np.all(np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)):
         raise UnusableInput(
             f"{path}: time_s does not rise evenly; say by --columns how to resample it."
         )

@@ -4,10 +4,12 @@ In: a file. Out: joints and actuators with the names of states and inputs, and a
 names of constants. Only this folder imports MuJoCo.
 """
 
+import contextlib
 import functools
 import importlib
 import math
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, installs, one_line
+from wakedeploy.gap.systems.mjcf.bounds import require_bounded
 
 _SERVO = 3  # numbers of a position or velocity servo's bias: 0, −kp, −kv
 
@@ -117,12 +120,14 @@ def read_elements(path: Path) -> Elements:
     """
     library, model = mujoco(path), read_spec(path)[1]
     _refuse_unfit(library, path, model)
-    joints, actuators = _joints(library, path, model), _actuators(library, path, model)
+    with _silent(library):
+        joints = _joints(library, path, model)
+    actuators = _actuators(library, path, model)
     if not joints:
         raise UnusableInput(f"{path}: no hinge or slide joint; give a model with at least one.")
     return Elements(
         path, model, joints, actuators,
-        dict(_attributes(model, joints, actuators)),
+        dict(_attributes(path, model, joints, actuators)),
         _sensed(library, model, joints),
     )  # fmt: skip
 
@@ -132,12 +137,27 @@ def read_spec(path: Path) -> tuple[Any, Any]:
     library = mujoco(path)
     if not path.is_file():
         raise UnusableInput(f"{path}: no such file; give an MJCF file.")
+    require_bounded(path)
     try:
-        spec = library.MjSpec.from_file(str(path))
-        return spec, spec.compile()
+        with _silent(library):
+            spec = library.MjSpec.from_file(str(path))
+            return spec, spec.compile()
     except ValueError as error:
         reason = re.sub(r"^Error:\s*", "", one_line(error)).rstrip(". ")
         raise UnusableInput(f"{path}: MuJoCo cannot read it ({reason}); mend the file.") from error
+
+
+@contextlib.contextmanager
+def _silent(library: Any) -> Iterator[None]:
+    """MuJoCo neither prints nor writes MUJOCO_LOG.TXT: what it warns of is checked here."""
+    before = library.get_mju_user_warning()
+    library.set_mju_user_warning(lambda message: None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        library.set_mju_user_warning(before)
 
 
 def word(path: Path, name: str, what: str) -> str:
@@ -145,7 +165,10 @@ def word(path: Path, name: str, what: str) -> str:
     identifier = re.sub(r"\W+", "_", name).strip("_").lower()
     if not identifier:
         raise UnusableInput(f"{path}: a {what} has no name; give it one, as logs refer to it.")
-    return identifier if identifier[0].isalpha() else f"{what}_{identifier}"
+    identifier = identifier if identifier[0].isalpha() else f"{what}_{identifier}"
+    if not identifier.isidentifier():  # as with ²
+        raise UnusableInput(f"{path}: {what} {name!r}: give it a name of letters and digits.")
+    return identifier
 
 
 def _refuse_unfit(library: Any, path: Path, model: Any) -> None:
@@ -173,7 +196,7 @@ def _refuse_unfit(library: Any, path: Path, model: Any) -> None:
 
 
 def _joints(library: Any, path: Path, model: Any) -> tuple[Joint, ...]:
-    inertias = _inertias(library, model)
+    inertias = _inertias(library, path, model)
     found = []
     for i in range(model.njnt):
         name = model.joint(i).name
@@ -185,12 +208,20 @@ def _joints(library: Any, path: Path, model: Any) -> tuple[Joint, ...]:
     return tuple(found)
 
 
-def _inertias(library: Any, model: Any) -> list[float]:
+def _inertias(library: Any, path: Path, model: Any) -> list[float]:
     """What each joint alone moves in the pose of the file: 1/(M⁻¹)ᵢᵢ."""
     data = library.MjData(model)
     library.mj_forward(model, data)
     inverse = np.eye(model.nv)
     library.mj_solveM(model, data, inverse, np.eye(model.nv))
+    is_singular = data.warning[int(library.mjtWarning.mjWARN_INERTIA)].number > 0
+    for i in range(model.nv):
+        if is_singular or not 0.0 < inverse[i, i] < math.inf:
+            name = model.joint(int(model.dof_jntid[i])).name
+            raise UnusableInput(
+                f"{path}: joint {name!r}: what it moves has no usable mass; state mass or inertia "
+                "of every moving body."
+            )
     return [1.0 / float(inverse[i, i]) for i in range(model.nv)]
 
 
@@ -231,14 +262,14 @@ def _require_distinct(path: Path, words: list[str]) -> None:
 
 
 def _attributes(
-    model: Any, joints: tuple[Joint, ...], actuators: tuple[Actuator, ...]
+    path: Path, model: Any, joints: tuple[Joint, ...], actuators: tuple[Actuator, ...]
 ) -> Iterator[tuple[str, Attribute]]:
     for joint in joints:
         yield from _of_joint(model, joint)
     turns = {j.name: j.turns for j in joints}
     for actuator in actuators:
         yield from _of_actuator(model, actuator, turns.get(actuator.joint))
-    yield from _masses(model)
+    yield from _masses(path, model)
 
 
 def _of_joint(model: Any, joint: Joint) -> Iterator[tuple[str, Attribute]]:
@@ -285,14 +316,14 @@ def _of_actuator(
         )
 
 
-def _masses(model: Any) -> Iterator[tuple[str, Attribute]]:
+def _masses(path: Path, model: Any) -> Iterator[tuple[str, Attribute]]:
     """Masses of what moves; inertias follow in proportion."""
     for i in range(1, model.nbody):
         mass, name = float(model.body_mass[i]), model.body(i).name
         if mass <= 0.0 or not name or not model.body_weldid[i]:
             continue
         setter = functools.partial(_set_mass, i)
-        constant = f"{word(Path(name), name, 'body')}_mass_kg"
+        constant = f"{word(path, name, 'body')}_mass_kg"
         yield constant, Attribute("body", name, "mass", mass, 0.05, "kg", setter)
 
 
