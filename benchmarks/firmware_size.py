@@ -18,11 +18,15 @@ from runtime.virtual.firmware_build import (
 from wakedeploy.core.errors import UnusableInput
 
 
-def main() -> None:
-    """Compile, print, write."""
+def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="benchmarks.firmware_size", description=__doc__)
     parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Compile, print, write."""
+    options = _options()
     try:
         built = firmware()
     except UnusableInput as error:

@@ -239,7 +239,7 @@ def test_the_section_sets_an_earlier_loop_beside_the_present_one(tmp_path):
     assert "| link | 1 | 2 of 2 | 2 | 1 of 2 | 1 |" in both
     assert "*earlier* loop is that of commit `4bc`" in both
     assert "| not survivable | 1 | 1 of 1 | 1 | 1 of 1 | 1 |" in both
-    assert "| link cut | 1 of 2 | 2.00 | 0.00 | 0.10 | 0.10 | whole (2) |" in faults.page(
+    assert "| link cut | 1 of 2 | 2.00 | 0.00 | 0.10 | 0.10 (2 of 2) | whole (2) |" in faults.page(
         Records(tmp_path)
     )
     unsafe = faults.page(Records(tmp_path)).partition("## Unsafe flights")[2]

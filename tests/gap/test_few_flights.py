@@ -38,6 +38,7 @@ from wakedeploy.gap.systems.gantry.search.places import places_sentence
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
 from wakedeploy.gap.systems.gantry.steps import add, open_case
 from wakedeploy.gap.systems.gantry.workflow import close, write_result
+from wakedeploy.gap.wording import DETAILS
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import read_rig
 
@@ -118,8 +119,14 @@ def several(flights, tmp_path_factory) -> Callable[[int], tuple[Path, dict]]:
 
 def text_of(page: Path) -> str:
     """The words of a page, without style, tags and pictures."""
-    body = re.sub(r"<style.*?</style>|<title.*?</title>", "", page.read_text("utf-8"), flags=re.S)
+    hidden = r"<style.*?</style>|<title.*?</title>|<script.*?</script>"
+    body = re.sub(hidden, "", page.read_text("utf-8"), flags=re.S)
     return html.unescape(re.sub(r"<[^>]*>", " ", body))
+
+
+def squeezed(text: str) -> str:
+    """Without spaces and what marks code, which are tags on a page."""
+    return re.sub(r"[\s`]+", "", text)
 
 
 def test_four_flights_are_the_fewest_that_leave_one_to_confirm() -> None:
@@ -167,7 +174,7 @@ def test_the_advice_is_to_fly_with_seeds_that_no_log_has(flights, closed) -> Non
     ]
     for command in commands:
         assert command in told
-        assert command in text_of(out / "report.html")
+        assert squeezed(command) in squeezed(text_of(out / "report.html"))
         options = {word for word in command.split() if word.startswith("--")}
         known = {name for p in main.get_command(None, "run-gantry").params for name in p.opts}
         assert options <= known
@@ -366,7 +373,7 @@ def test_headline_places_verdict_and_advice_never_contradict_each_other(
     assert commands.count("run-gantry") == (FEWEST_IN_ALL - count) * flies
     assert ("gap plan" in commands) is (verdict == "class" and count >= FEWEST_IN_ALL)
     # What `find` says can stand beside the verdict.
-    if "disagree beyond noise" in found:
+    if "disagree beyond noise" in found and "none so clear" not in found:
         assert "Nothing is missing" not in headline
     if verdict == "none" and count >= RULES.fewest_flights:
         assert "It shows most" not in words
@@ -381,9 +388,11 @@ def test_the_page_says_what_the_terminal_says(tmp_path, monkeypatch, verdict, co
     fabricated(tmp_path, verdict, "none", True, count)
     page, steps = text_of(write_report(tmp_path)), read_steps(tmp_path)
     for sentence in account(steps.summary).splitlines():
-        assert sentence in page
+        if sentence != DETAILS:  # a heading of the page
+            assert squeezed(sentence) in squeezed(page)
     after = advice(steps, tmp_path)
-    assert ("gap add" in page) is ("gap add" in " ".join(after.commands if after else ()))
+    advised = "gap add" in " ".join(after.commands if after else ())
+    assert ("gapadd" in squeezed(page)) is advised
     if count < RULES.fewest_flights:
         for word in ("confidence", " sure", "would have shown", "of the gap closed", "held out"):
             assert word not in page.replace("Nothing was held out", "")

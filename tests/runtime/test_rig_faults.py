@@ -160,7 +160,7 @@ def has_flown(run, log, ticks):
     [
         ("pulled", "thrust_lost", "check the battery"),
         ("never_plugged", "thrust_lost", "check the battery"),
-        ("stops", "sensor_lost", "check the sensor's wires"),
+        ("stops", "sensor_lost", "a fault that was put in"),
         ("freezes", "sensor_frozen", "says the same"),
         ("blocked", "sensor_jump", "beam free"),
     ],

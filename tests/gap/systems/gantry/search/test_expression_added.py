@@ -96,8 +96,10 @@ def test_what_is_told_is_what_the_file_has(shown) -> None:
     said = {n: size.model_dump(include=kept) for n, size in told.unknown.parameters.items()}
     assert said == stated
     assert told.beside == gap.as_if == []
-    near = f"the known effect that comes nearest, {told.closest}, explains too little of it"
-    assert near in account(read_steps(out).summary)
+    words = account(read_steps(out).summary)
+    near = "The known effect that comes nearest explains too little of it: "
+    assert near in words
+    assert f"(`{told.closest}`)" in words.partition(near)[2].partition(".")[0]
 
 
 @pytest.mark.slow
