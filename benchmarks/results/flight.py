@@ -150,10 +150,15 @@ def endings(records: Records) -> Section:
         lines.append([row["case"], str(row["flights"]), str(row["named"]), *delay_cells])
     blocked = next(row for row in result["rows"] if "unnoticed_off_m" in row)
     off_m = [abs(value) for value in blocked["unnoticed_off_m"]]
-    text = (
+    unnoticed = (
         f"{len(off_m)} things in the beam were not noticed; they were {span(off_m, 2)} m from the "
-        f"sufferer. {blocked['seen_too_low']} made the sufferer seem too low, and one of these let "
-        f"it rise by {blocked['risen_p50_max_m'][1]:.2f} m."
+        "sufferer."
+        if off_m
+        else "Everything in the beam ended its flight."
+    )
+    text = (
+        f"{unnoticed} {blocked['seen_too_low']} made the sufferer seem too low, and one of these "
+        f"let it rise by {blocked['risen_p50_max_m'][1]:.2f} m."
     )
     head = ["case", "flights", "ended by the supervisor", "noticed after [s], median", "longest"]
     return Section(
