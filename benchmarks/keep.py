@@ -23,6 +23,7 @@ from typing import Any
 from benchmarks import records
 from wakedeploy.core.files import write_text_whole
 
+_RUN_PARTS = 4  # runs/gantry/gru/s0
 COUNTS = ("fault", "group", "survivable", "flights", "unsafe", "unsafe_above_1_5_mps")
 
 
@@ -44,8 +45,12 @@ def _options() -> argparse.Namespace:
 
 
 def table(source: Path, name: str) -> None:
-    """A table that a command wrote by `--json`."""
-    _keep(name, source)
+    """A table that a command wrote by `--json`; runs are named as from the working folder."""
+    result = _read(source)
+    for row in result.get("rows", []):
+        if "run" in row and Path(row["run"]).is_absolute():
+            row["run"] = str(Path(*Path(row["run"]).parts[-_RUN_PARTS:]))
+    _write(name, source, result)
 
 
 def demo(source: Path) -> None:

@@ -81,6 +81,24 @@ def test_a_record_keeps_its_day_and_commit_or_gets_those_of_now(tmp_path: Path) 
     assert json.loads(path.read_text()) == {"measured": "2020-01-02", "commit": "abc", "rows": [1]}
 
 
+def test_a_table_that_is_kept_names_runs_and_no_folder_of_the_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records, "FOLDER", tmp_path)
+    rows = [{"run": "/home/me/here/runs/gantry/gru/s0"}, {"run": "runs/gantry/tcn/s0"}]
+    (tmp_path / "runs.json").write_text(json.dumps({"commit": "abc", "rows": rows}))
+    keep.table(tmp_path / "runs.json", "training")
+    kept = json.loads((tmp_path / "training.json").read_text())["rows"]
+    assert [row["run"] for row in kept] == ["runs/gantry/gru/s0", "runs/gantry/tcn/s0"]
+
+
+def test_no_record_has_a_path_of_a_machine() -> None:
+    at_home = re.compile(r'"/(?:home|root|tmp|work|Users|mnt|var)/')
+    files = [path for path in records.FOLDER.iterdir() if path.suffix != ".png"]
+    assert len(files) > 40
+    assert [path.name for path in files if at_home.search(path.read_text("utf-8"))] == []
+
+
 def test_a_study_s_folder_replaces_its_record_and_the_tables_that_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
