@@ -36,6 +36,7 @@ def interrupted(records: Records) -> Section:
         paragraphs(
             table(["command", *_KINDS.values(), "last process gone after"], lines),
             _all(result),
+            result.get("run", ""),
         ),
         ("python -m benchmarks.interruptions --kills 200 --json docs/records/interruptions.json",),
     )
