@@ -92,10 +92,10 @@ def places_sentence(places: Sequence[Place], is_white: bool, flights: int) -> st
     elif not places:
         sentence = "no single place stands out, but as a whole more than noise is left"
     else:
-        told = f"{counted(len(places), 'place')} (q ≤ {RULES.false_discoveries:g})"
-        sentence = f"they disagree beyond noise in {told}"
+        where = f"in {counted(len(places), 'place')} (q ≤ {RULES.false_discoveries:g})"
+        sentence = f"they disagree beyond noise {where}"
         if not forbids_none(places):
-            sentence += ", none so clear that it tells by itself that something is missing"
+            sentence = f"{where} they may disagree, in none so clearly that something is missing"
         sentence += f"; the clearest: {places[0].words}"
     scope = f"in {these(flights)}, " if cannot_tell(flights) else ""
     sentence = scope + sentence
