@@ -315,24 +315,12 @@ class Loop:
         now_s = measured.t_s + self._origin_s
         # A plant process that the computer has not let run can neither answer nor measure.
         behind_s = reading.behind_s(now_s)
-        stalled_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
-        self._last_tick_s = now_s
-        if not self._safety.cause:  # later ones explain nothing
-            self.tally.stood_still(stalled_s, measured.t_s)
-            self.tally.gantry_stood_still(reading.late_s(now_s), measured.t_s)
+        stalled_s = self._stalled_s(now_s, reading)
         asked_s, at_rest = self._link.unanswered_since_s, self._safety.mode is Mode.ARMED
         silent_s = 0.0 if asked_s is None else now_s - behind_s - asked_s
         self._way_down.late_s = heard.answer.round_trip_s - self._rig.latency.round_trip_s
         status, estimate = heard.answer.status, self._state.estimate
-        self._signs = signs = self._sign_reader.step(
-            self._signs,
-            t_s=measured.t_s,
-            range_m=measured.range_m,
-            z_m=estimate.z_m,
-            vz_mps=estimate.vz_mps,
-            thrust_n=estimate.rotor_speed**2,
-            battery_v=status.battery_mv / 1000.0,
-        )
+        signs = self._read_signs(measured, status.battery_mv / 1000.0)
         found = Findings(
             late=prediction.late,
             bad_prediction=prediction.bad_prediction,
@@ -370,6 +358,29 @@ class Loop:
         self._safety = safety.watch(self._safety, found, self._rig.limits)
         if safety.doubts_the_range(self._safety, found):
             self._lateness.adopt()
+
+    def _stalled_s(self, now_s: float, reading: RangeReading) -> float:
+        """The time since the last tick [s]; what stood still before a failsafe is remembered."""
+        stalled_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
+        self._last_tick_s = now_s
+        if not self._safety.cause:  # later ones explain nothing
+            self.tally.stood_still(stalled_s, now_s - self._origin_s)
+            self.tally.gantry_stood_still(reading.late_s(now_s), now_s - self._origin_s)
+        return stalled_s
+
+    def _read_signs(self, measured: Measurement, battery_v: float) -> Signs:
+        """What the motion says of faults that name themselves nowhere."""
+        estimate = self._state.estimate
+        self._signs = self._sign_reader.step(
+            self._signs,
+            t_s=measured.t_s,
+            range_m=measured.range_m,
+            z_m=estimate.z_m,
+            vz_mps=estimate.vz_mps,
+            thrust_n=estimate.rotor_speed**2,
+            battery_v=battery_v,
+        )
+        return self._signs
 
     def _range_late(self) -> float:
         """Evidence that readings are late; less of it counts where the loop does not swing."""
