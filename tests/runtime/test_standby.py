@@ -184,6 +184,7 @@ def test_a_rig_file_that_became_unusable_meanwhile_flies_nothing(tmp_path, chang
     out, err = run.communicate(timeout=60)
     assert run.returncode == 2
     assert out == ""
-    assert err.splitlines()[-1].startswith("Error: ")  # a busy computer may be named before
-    assert words in err
-    assert err.count("Error: ") == 1
+    late = "The virtual gantry was up to"  # a line of its own, on a busy computer
+    (sentence,) = [line for line in err.splitlines() if not line.startswith(late)]
+    assert sentence.startswith("Error: ")
+    assert words in sentence
