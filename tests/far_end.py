@@ -1,6 +1,7 @@
 """What is at the other end of a port: a pseudo-terminal with something behind it."""
 
 import os
+import select
 import threading
 import tty
 
@@ -13,15 +14,20 @@ class FarEnd:
         tty.setraw(self.slave)
         self.name = os.ttyname(self.slave)
         self.answer = answer
-        threading.Thread(target=self._serve, daemon=True).start()
+        self._ended, self._end = os.pipe()
+        self._board = threading.Thread(target=self._serve, daemon=True)
+        self._board.start()
 
     def _serve(self):
         try:
-            while data := os.read(self.master, 4096):
-                os.write(self.master, self.answer(data))
+            while self._ended not in select.select([self.master, self._ended], [], [])[0]:
+                os.write(self.master, self.answer(os.read(self.master, 4096)))
         except OSError:
             return
 
     def close(self):
-        for end in (self.slave, self.master):
+        """The board is gone before its port is: the next one to open may get the same number."""
+        os.close(self._end)
+        self._board.join()
+        for end in (self.slave, self.master, self._ended):
             os.close(end)

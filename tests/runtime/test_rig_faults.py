@@ -14,7 +14,6 @@ import sys
 import tempfile
 import threading
 import time
-import tty
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +21,7 @@ import numpy as np
 import pytest
 from cable import Cable
 from click.testing import CliRunner
+from far_end import FarEnd
 from growing import written_so_far
 
 from runtime.io.conversation import Conversation
@@ -222,26 +222,6 @@ def test_a_battery_whose_voltage_goes_is_named_by_the_board_itself(here):
     assert 11.1 * 0.6 * 0.99**12 < recorded["battery_v"][began] < 11.1 * 0.6
 
 
-class Device:
-    """Something else at a port: answers what a function makes of each read."""
-
-    def __init__(self, answer):
-        self.master, self.slave = os.openpty()
-        tty.setraw(self.slave)
-        self.port = os.ttyname(self.slave)
-        self._answer = answer
-        threading.Thread(target=self._serve, daemon=True).start()
-
-    def _serve(self):
-        with contextlib.suppress(OSError):
-            while data := os.read(self.master, 4096):
-                os.write(self.master, self._answer(data))
-
-    def close(self):
-        os.close(self.slave)
-        os.close(self.master)
-
-
 class Sensor:
     """A range socket on which readings come: its own, or those of another one."""
 
@@ -307,17 +287,17 @@ def sensor():
     ids=["silent", "echo", "modem", "firmware of another version"],
 )
 def test_a_wrong_board_is_named_with_what_to_do(refused, sensor, answer, words):
-    device = Device(answer)
-    err = refused("--port", device.port, "--range-socket", sensor.path)
+    device = FarEnd(answer)
+    err = refused("--port", device.name, "--range-socket", sensor.path)
     device.close()
     assert all(word in err for word in words)
 
 
 def test_a_port_that_another_process_uses_is_busy(refused, sensor):
-    device = Device(lambda data: b"")
+    device = FarEnd(lambda data: b"")
     script = "import serial, sys; p = serial.Serial(sys.argv[1], exclusive=True); input()"
-    other = subprocess.Popen([sys.executable, "-c", script, device.port], stdin=subprocess.PIPE)
-    taken = os.open(device.port, os.O_RDWR | os.O_NOCTTY)
+    other = subprocess.Popen([sys.executable, "-c", script, device.name], stdin=subprocess.PIPE)
+    taken = os.open(device.name, os.O_RDWR | os.O_NOCTTY)
 
     def is_taken():
         try:
@@ -328,7 +308,7 @@ def test_a_port_that_another_process_uses_is_busy(refused, sensor):
         return False
 
     until(is_taken)
-    err = refused("--port", device.port, "--range-socket", sensor.path)
+    err = refused("--port", device.name, "--range-socket", sensor.path)
     assert "used by another program" in err
     other.communicate(b"\n", timeout=30)
     os.close(taken)

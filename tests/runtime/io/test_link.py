@@ -1,6 +1,8 @@
 """What the link says when the other end is not the board it expects, over real pseudo-terminals."""
 
 import os
+import threading
+import time
 
 import pytest
 from far_end import FarEnd
@@ -36,6 +38,30 @@ def far_end():
     yield make
     for end in opened:
         end.close()
+
+
+def test_a_board_that_is_gone_answers_at_no_later_port() -> None:
+    """The kernel gives the next port the same file number, and a board may just be answering."""
+    asked = threading.Event()
+
+    def slowly(_):
+        asked.set()
+        time.sleep(0.05)
+        return b"of the board that is gone"
+
+    first = FarEnd(slowly)
+    port = os.open(first.name, os.O_RDWR | os.O_NOCTTY)
+    os.write(port, b"?")
+    assert asked.wait(10.0)
+    os.close(port)
+    first.close()
+    second = FarEnd(lambda _: b"of the next")
+    port = os.open(second.name, os.O_RDWR | os.O_NOCTTY)
+    time.sleep(0.1)
+    os.write(port, b"?")
+    assert os.read(port, 64) == b"of the next"
+    os.close(port)
+    second.close()
 
 
 def test_a_silent_port_is_told_apart_from_one_that_answers_garbage(far_end):
