@@ -14,9 +14,13 @@ from sphinx.util.docutils import SphinxDirective
 
 
 class Made(SphinxDirective):
-    """Puts the Markdown of `parts.NAME.markdown()` in its place."""
+    """Puts the Markdown of `parts.NAME.markdown()` in its place.
+
+    Its own text is for those who read the page in a checkout: it says where the part is made from.
+    """
 
     required_arguments = 1
+    has_content = True
 
     def run(self) -> list[nodes.Node]:
         """The nodes of the part, headings included."""

@@ -106,12 +106,18 @@ def test_a_rig_and_a_system_exclude_each_other(tmp_path, options, says):
     assert says in CliRunner().invoke(command, given).output
 
 
-def test_an_uneven_log_is_refused_with_the_way_out(folder, tmp_path):
+@pytest.mark.parametrize("option", [[], ["--system"]])
+def test_an_uneven_log_is_refused_with_the_way_out(folder, tmp_path, option):
     (tmp_path / "log.csv").write_text("time_s,voltage_v,position_m\n0,1,1\n1,1,1\n5,1,1\n6,1,1\n")
-    told = CliRunner().invoke(
-        command, ["check", str(folder / "my_robot.py"), "--measured", str(tmp_path / "log.csv")]
-    )
-    assert "--columns" in str(told.exception)
+    log = str(tmp_path / "log.csv")
+    given = ["check", *option, str(folder / "my_robot.py"), "--measured", log]
+    assert "--columns" in str(CliRunner().invoke(command, given).exception)
+
+
+def test_check_takes_one_system():
+    for given in ([], ["a.py", "--system", "b.py"]):
+        told = CliRunner().invoke(command, ["check", *given, "--measured", "log.csv"])
+        assert "Give one system" in told.output
 
 
 COLUMNS = """version = 1

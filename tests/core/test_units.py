@@ -8,7 +8,14 @@ from pathlib import Path
 import pytest
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import conversion, converted, same_unit, si_unit, unit_of
+from wakedeploy.core.units import (
+    conversion,
+    converted,
+    same_unit,
+    si_unit,
+    unit_at_end,
+    unit_of,
+)
 from wakedeploy.rig.file import default_rig, default_rig_text, parse_rig, read_rig
 
 
@@ -74,6 +81,21 @@ def test_every_unit_that_the_manual_lists_is_known() -> None:
     assert len(listed) > 30
     for unit in listed:
         assert si_unit(unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("resistance_ohm", "ohm"), ("push_n_per_v", "N/V"), ("drag_nm_per_radps", "N m/(rad/s)"),
+        ("inertia_kgm2", "kg m²"), ("inertia_kg_m2", "kg m²"), ("speed_rpm", "rpm"),
+        ("torque_nm_per_a", "N m/A"), ("arm_a", None), ("length_m", "m"), ("m", None),
+        ("inflow_per_s", None), ("gain", None),
+    ],
+)  # fmt: skip
+def test_a_name_s_end_says_its_unit(name: str, unit: str | None) -> None:
+    assert unit_at_end(name) == unit
+    if unit is not None:
+        assert conversion(unit, unit) == 1  # one that is understood
 
 
 def test_conversion_rounds_once() -> None:

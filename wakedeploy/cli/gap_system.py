@@ -58,12 +58,17 @@ def init(path: Path, mjcf: Path | None) -> None:
 
 
 @click.command("check", cls=Many)
-@click.argument("system_path", type=click.Path(path_type=Path))
+@click.argument("system_file", required=False, type=click.Path(path_type=Path))
+@SYSTEM
 @MEASURED
 @COLUMNS
 @json_option
 def check(
-    system_path: Path, measured: tuple[Path, ...], columns: Path | None, json_path: Path | None
+    system_file: Path | None,
+    system_path: Path | None,
+    measured: tuple[Path, ...],
+    columns: Path | None,
+    json_path: Path | None,
 ) -> None:
     """Look at a system and its logs before any fit: what moves the outputs, and what looks alike.
 
@@ -74,7 +79,10 @@ def check(
     from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
     from wakedeploy.gap.wording import counted
 
-    model = open_model(system_path, measured, columns)
+    chosen = [path for path in (system_file, system_path) if path is not None]
+    if len(chosen) != 1:
+        raise click.UsageError("Give one system: wakedeploy gap check my_robot.py --measured LOG")
+    model = open_model(chosen[0], measured, columns)
     samples = sum(log.outputs.shape[1] for log in model.logs)
     click.echo(
         f"{model.name}: {counted(len(model.logs), 'log')}, {samples} samples at "

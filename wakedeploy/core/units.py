@@ -195,6 +195,24 @@ def unit_of(name: str) -> str | None:
     return None
 
 
+_ENDS = {  # of any name, after a word: what a unit's end stands for
+    "m": "m", "kg": "kg", "s": "s", "n": "N", "v": "V", "w": "W", "ohm": "ohm", "rad": "rad",
+    "deg": "deg", "rpm": "rpm", "hz": "Hz", "nm": "N m", "pa": "Pa", "kgm2": "kg m²", "m2": "m²",
+    "mps": "m/s", "mps2": "m/s²", "radps": "rad/s", "radps2": "rad/s²", "mm": "mm", "mv": "mV",
+    "ma": "mA", "us": "us", "ms": "ms", "um": "um",
+}  # fmt: skip
+_ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "percent": "%"}  # alone, `arm_a` is no current
+
+
+def unit_at_end(name: str) -> str | None:
+    """The unit that any name ends in, or None: `resistance_ohm` → "ohm", `push_n_per_v` → "N/V"."""
+    *words, end = name.replace("_kg_m2", "_kgm2").split("_")
+    if len(words) > 2 and words[-1] == "per" and words[-2] in _ENDS and end in _ENDS_BELOW:
+        below = _ENDS_BELOW[end]
+        return f"{_ENDS[words[-2]]}/{f'({below})' if set(below) & set(' /') else below}"
+    return _ENDS.get(end) if words and words[-1] != "per" else None
+
+
 def same_unit(first: str, other: str) -> bool:
     """Whether two spellings mean one unit: "m/s²" and "m/s^2"."""
     try:

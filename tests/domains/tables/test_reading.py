@@ -72,6 +72,22 @@ def test_a_unit_of_another_dimension_is_refused(
 
 
 @pytest.mark.parametrize(
+    ("name", "to", "is_refused"),
+    [("u_v", "mV", True), ("u_v", "V", False), ("u_mv", "mV", False), ("u", "mV", False)],
+)
+def test_a_name_does_not_say_another_unit_than_its_numbers_have(
+    name: str, to: str, is_refused: bool, tmp_path: Path
+) -> None:
+    text = BASE + U.replace("columns.u", f"columns.{name}") + f'to = "{to}"\n'
+    if is_refused:
+        with pytest.raises(UnusableInput, match="u_v becomes mV, but its name says V"):
+            parse_columns(text)
+    else:
+        path = write(tmp_path / "log.csv", tenths(3), [1.5] * 3)
+        assert one(path, text).columns[name][0] == (1500.0 if to == "mV" else 1.5)
+
+
+@pytest.mark.parametrize(
     ("stamps", "values", "more", "sentence"),
     [
         ([0, 0.1, "", 0.3], [1, 2, 3, 4], "", "column 't' has no stamp in line 4"),

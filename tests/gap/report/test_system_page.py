@@ -154,6 +154,21 @@ def test_a_user_s_own_effect_has_its_name_alone(tmp_path) -> None:
     assert first_screen(told)[0] == "The system lacks `evaporation`."
 
 
+def test_what_is_sure_stands_before_a_class(tmp_path) -> None:
+    """Friction is sure; of a drag and a gain one is there, and the logs cannot say which."""
+    drag = result().effects[0].model_copy(update={"name": "quadratic-drag@speed_mps"})
+    rivals = ["quadratic-drag@speed_mps", "gain@motor_v"]
+    of_class = {"verdict": "class", "rivals": rivals}
+    alone = result().model_copy(update=of_class | {"effects": [drag]})
+    both = alone.model_copy(update={"effects": [*result().effects, drag]})
+    assert first_screen(alone)[0].startswith("The system lacks one of these: drag ")
+    said = first_screen(both)[0]
+    assert said.startswith("The system lacks dry friction that acts on speed_mps")
+    assert ", and one of these: drag " in said
+    assert said.count("dry friction") == 1
+    assert "lacks dry friction that acts on speed_mps" in read(both, tmp_path)[1]
+
+
 def test_every_kind_says_what_it_is_at_its_port() -> None:
     for kind in (kind for kinds in KINDS_BY_ROLE.values() for kind in kinds):
         between = "-from-u" if "other" in kind.needs else ""

@@ -32,7 +32,7 @@ from wakedeploy.gap.systems.gantry import findings as drawn
 from wakedeploy.gap.systems.gantry.artefacts import Profile
 from wakedeploy.gap.systems.gantry.findings import Gap
 from wakedeploy.gap.systems.kinds.library import plain
-from wakedeploy.gap.systems.words import removed_words
+from wakedeploy.gap.systems.words import lacking_of_class, removed_words
 from wakedeploy.gap.wording import (
     counted,
     listed,
@@ -144,7 +144,7 @@ def _verdict(result: Result) -> str:
     too_many = f"The baseline lacks one of these: {several}. They are too many to call it a class."
     return {
         "named": f"The baseline lacks {listed([plain(e.name) for e in result.effects])}.",
-        "class": f"The baseline lacks one of these: {several}. They cannot be told apart.",
+        "class": f"The baseline lacks {lacking_of_class(result)}. These cannot be told apart.",
         "unknown": too_many if rivals else "The baseline lacks what no single effect explains.",
         "none": "Nothing is missing from the baseline beyond noise.",
     }[result.verdict]

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.core.units import unit_of
+from wakedeploy.core.units import unit_at_end, unit_of
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.correction import Correction
@@ -273,7 +273,7 @@ class System:
 
     def unit_of_constant(self, name: str) -> str:
         """As stated, or the one that the constant's name ends in."""
-        return self.constant(name).unit or unit_of(name) or _unit_of_end(name)
+        return self.constant(name).unit or unit_at_end(name) or unit_of(name) or "1"
 
     def kinematic(self) -> dict[str, str]:
         """States that are the derivative of another, by that other: {"position": "speed"}."""
@@ -539,12 +539,6 @@ def _complete(
         if name not in returned:
             raise UnusableInput(f"{where} returns nothing for the {what} {name!r}; add it.")
     return {name: returned[name] for name in wanted}
-
-
-def _unit_of_end(name: str) -> str:
-    """Of names that `core.units` does not know: moments of inertia, and none."""
-    ends = {"_kgm2": "kg m²", "_kg_m2": "kg m²"}
-    return next((u for end, u in ends.items() if name.endswith(end)), "1")
 
 
 def _names(stated: Sequence[Input] | Sequence[Output] | Sequence[Constant]) -> tuple[str, ...]:

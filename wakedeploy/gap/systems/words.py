@@ -71,8 +71,7 @@ def _verdict(answer: Answer) -> list[str]:
 
 def _lacking(answer: Answer) -> str:
     if answer.verdict == "class":
-        rivals = listed([plain(name) for name in answer.rivals], "or")
-        return f"The system lacks one of these: {rivals}. The logs cannot say which."
+        return f"The system lacks {lacking_of_class(answer)}. The logs cannot say which."
     if answer.verdict == "named":
         return f"The system lacks {listed([plain(e.name) for e in answer.effects])}."
     if answer.verdict == "none":
@@ -86,6 +85,13 @@ def _lacking(answer: Answer) -> str:
         rivals = listed([plain(name) for name in answer.rivals])
         return f"Something is missing; these explain it about as well: {rivals}."
     return "Something acts on the system that no known effect explains."
+
+
+def lacking_of_class(answer: Answer) -> str:
+    """What is sure beside a class, and the class: "dry friction …, and one of these: …"."""
+    sure = [plain(e.name) for e in answer.effects if e.name not in answer.rivals]
+    rivals = f"one of these: {listed([plain(name) for name in answer.rivals], 'or')}"
+    return f"{listed(sure)}, and {rivals}" if sure else rivals
 
 
 def _importance(result: Result) -> str:
