@@ -3,7 +3,7 @@
 // Rows are of one height. A space above and one below are as high as the rows that are not drawn, and
 // assistive technology is told which row each one is, of how many.
 
-const BEYOND = 15; // rows above and below the view, for the tabulator and a turn of the wheel
+const BEYOND = 15; // rows above and below the view, for the Tab key and a turn of the wheel
 
 export class Rows {
   // `box` scrolls a table with the bodies .above, .shown and .below; `line` makes a row's <tr>.
