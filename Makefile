@@ -18,8 +18,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS = $(shell cores=$$(getconf _NPROCESSORS_ONLN); echo $$((cores < 3 ? cores + 1 : 4)))
 TESTS = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-.PHONY: help venv lock demo test test-slow test-wallclock explore check format lint bench results docs firmware \
-	mutants clean
+.PHONY: help venv lock demo test test-slow test-wallclock explore check format lint bench results docs links \
+	firmware mutants clean
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
@@ -33,6 +33,7 @@ help:
 	@echo "make bench   latency of the eight architectures, paced at 32 Hz"
 	@echo "make results  the pages of results, from the records in docs/records, and the tables of effects"
 	@echo "make docs    the manual as a site with search, in build/docs/html"
+	@echo "make links   whether the manual's links to other sites lead anywhere; needs a network"
 	@echo "make firmware  the UNO's sketch without the Arduino IDE, and how much of the chip it takes"
 	@echo "make mutants   whether the tests notice each small change of the firmware's decisions"
 	@echo "make venv    only the environment, in .venv"
@@ -97,6 +98,10 @@ results: $(INSTALLED)
 # Warnings are errors; no network. Always anew: pages are made of code and records, too.
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx -E -a -W --keep-going -q -c docs/site -d build/docs/doctrees docs build/docs/html
+
+# Not a part of `make check`: other sites fail for reasons of their own.
+links: $(INSTALLED)
+	$(BIN)/python -m sphinx -E -a -q -b linkcheck -c docs/site -d build/docs/doctrees docs build/docs/links
 
 firmware: $(INSTALLED)
 	$(BIN)/python -m runtime.virtual.firmware_build

@@ -270,7 +270,7 @@ def against_error(records: Records) -> Section:
         " the same shapes as C with float32 weights. Bytes are counted, without code and libm;"
         " instructions are estimated for a Cortex-M4F.",
         paragraphs(
-            "![Error against flash, RAM and instructions](figures/c-costs.png)",
+            "![Error against flash, RAM and instructions](../figures/c-costs.png)",
             table(head, rows),
             beaten_by_none,
         ),

@@ -28,8 +28,8 @@ def faults(records: Records) -> Section:
             _groups(campaigns),
             "Other plants differ from the rig file as far as calibration leaves it. *Above 1.5 "
             "m/s* counts the flights that are unsafe even if the lower stop may be met so fast. No "
-            "command could save the flights of the last row. [results/faults.md](results/faults.md)"
-            " has every fault.",
+            "command could save the flights of the last row. There is [a table of every "
+            "fault](faults.md).",
             _loops(campaigns),
             _false_alarms(healthy),
             _blind(_existing(records, {PRESENT: BLIND})),

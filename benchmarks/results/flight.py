@@ -92,7 +92,7 @@ def demo(records: Records) -> Section:
         "Altitude RMSE of the flights of `make demo` on the virtual gantry, mean ± standard error. "
         f"The GRU learned from {minutes:g} minutes of simulated flight.",
         paragraphs(
-            "![Altitude, error and force of two of these flights](figures/demo.png)",
+            "![Altitude, error and force of two of these flights](../figures/demo.png)",
             table(["controller", "error [mm]", "flights"], lines),
             f"Flight by flight the feedforward gains {gain['mean']:.1f} ± "
             f"{gain['standard_error']:.1f} mm.",

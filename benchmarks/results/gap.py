@@ -49,7 +49,7 @@ def demo(records: Records) -> Section:
         "and 100 ms down. The workflow sees flights with PID alone. Brackets: 90 % intervals.",
         paragraphs(
             "![Where simulation and flights disagree, the name, the values, and the errors before "
-            "and after](figures/gap-demo-story.png)",
+            "and after](../figures/gap-demo-story.png)",
             table(["named effect", "parameter", "value"], rows),
             table(["", "before", "after"], before_and_after),
             text,
@@ -144,7 +144,7 @@ def hidden_effects(records: Records) -> Section:
         "in nats. Brackets: Wilson's 95 % intervals.",
         paragraphs(
             headline(summary(lines)),
-            "[results/gap-benchmark.md](results/gap-benchmark.md) has the tables behind these.",
+            "There are [the tables behind these](gap-benchmark.md).",
         ),
         (
             "python -m benchmarks.hidden_effects --workers 2 --out gap-benchmark",

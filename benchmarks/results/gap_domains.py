@@ -23,7 +23,7 @@ def domains(records: Records) -> Section:
         "downwash; residuals on sealed episodes, which took no part in finding the effects.",
         paragraphs(
             table(head, rows),
-            "[results/gap-domains.md](results/gap-domains.md) has rankings and intervals.",
+            "There are [rankings and intervals](gap-domains.md) for each.",
         ),
         (
             *(f"wakedeploy gap domain {name} PATH --out runs/{name}" for name in DOMAINS[:-1]),

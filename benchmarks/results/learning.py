@@ -147,7 +147,7 @@ def tuned(records: Records) -> Section:
         f"The found shape ships for {len(shipped)} of {len(rows)} pairs, because it was better on "
         f"validation. On test, every tuned seed beats every reference seed in {len(surely)} of "
         f"them; the mean is worse in {len(worse)}. These {len(best)} gain most; "
-        "[results/tuned.md](results/tuned.md) has all."
+        "there is [a table of all](tuned.md)."
     )
     trials = [sum(row["trials"].values()) for row in rows]
     head = ["architecture", "domain", "paper's shape", "tuned", "tuned / paper's shape"]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 from benchmarks import downwash_estimates, records, tuned
 from benchmarks.hidden_effects.page import markdown_of
@@ -30,68 +31,103 @@ from benchmarks.results import (
     study_claims,
     tutorials,
 )
-from benchmarks.results.section import Records, Section, paragraphs
+from benchmarks.results.section import Records, Section, anchor, paragraphs
 
-SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
-    "In flight": (
-        flight.demo,
-        first_minutes.first_minutes,
-        flight.tracking,
-        flight.latency,
-        flight.endings,
-        flight.watch,
-        flight.soak,
-        *((live.live,) if (records.FOLDER / live.RECORD).exists() else ()),
-        faults.faults,
-    ),
-    "On a chip": (
-        compiled.on_a_chip,
-        compiled.against_error,
-        compiled.on_this_machine,
-        compiled.paced,
-        compiled.on_an_avr,
-    ),
-    "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
-    "The paper's comparisons": (
-        studies.domains,
-        studies.kinds,
-        flown.closed_loop,
-        flown.shift,
-        flown.lead,
-        studies.window,
-        studies.pareto,
-        studies.delay,
-        studies.basin,
-    ),
-    "Finding what the simulation lacks": (
-        gap.demo,
-        gap.hidden_effects,
-        gap.form_losses,
-        *((gap.form_error,) if (records.FOLDER / gap.FORM_ERROR).exists() else ()),
-        *(
-            (reference_flights.learned,)
-            if (records.FOLDER / reference_flights.RECORD).exists()
-            else ()
+Make = Callable[[Records], Section]
+
+
+class Chapter(NamedTuple):
+    """A page of sections: its title, and what makes each section."""
+
+    title: str
+    sections: tuple[Make, ...]
+
+
+def _of_record(name: str, make: Make) -> tuple[Make, ...]:
+    """A section whose record takes hours: it is there once that has been made."""
+    return (make,) if (records.FOLDER / name).exists() else ()
+
+
+CHAPTERS: dict[str, Chapter] = {  # by the name of the page in docs/results/
+    "in-flight": Chapter(
+        "In flight",
+        (
+            flight.demo,
+            first_minutes.first_minutes,
+            flight.tracking,
+            flight.latency,
+            flight.watch,
+            flight.soak,
+            *_of_record(live.RECORD, live.live),
         ),
-        gap.power,
-        gap_domains.domains,
-        *((real_systems.named,) if (records.FOLDER / real_systems.RECORD).exists() else ()),
-        *((known_plants.counted,) if (records.FOLDER / known_plants.RECORD).exists() else ()),
-        *((comparison.compared,) if (records.FOLDER / comparison.RECORD).exists() else ()),
-        *((so101.joints,) if (records.FOLDER / so101.RECORD).exists() else ()),
     ),
-    "Simulators and firmware": (
-        simulators.downwash_speed,
-        simulators.field_step,
-        simulators.estimates,
-        simulators.firmware_size,
-        simulators.mutants,
-        simulators.frames,
+    "safety": Chapter(
+        "When something goes wrong",
+        (
+            flight.endings,
+            faults.faults,
+            *_of_record(interrupted.RECORD, interrupted.interrupted),
+            hostile.files,
+        ),
     ),
-    # Half an hour of disturbed commands: its section is there once it has been made.
-    "Robustness": (
-        *((interrupted.interrupted,) if (records.FOLDER / interrupted.RECORD).exists() else ()),
-        hostile.files,
+    "chip": Chapter(
+        "On a chip",
+        (
+            compiled.on_a_chip,
+            compiled.against_error,
+            compiled.on_this_machine,
+            compiled.paced,
+            compiled.on_an_avr,
+        ),
+    ),
+    "training": Chapter(
+        "Training", (learning.training, learning.flag, learning.speed, learning.tuned)
+    ),
+    "comparisons": Chapter(
+        "The paper's comparisons",
+        (
+            studies.domains,
+            studies.kinds,
+            flown.closed_loop,
+            flown.shift,
+            flown.lead,
+            studies.window,
+            studies.pareto,
+            studies.delay,
+            studies.basin,
+        ),
+    ),
+    "gap": Chapter(
+        "Finding what the simulation lacks",
+        (
+            gap.demo,
+            gap.hidden_effects,
+            gap.form_losses,
+            *_of_record(gap.FORM_ERROR, gap.form_error),
+            *_of_record(reference_flights.RECORD, reference_flights.learned),
+            gap.power,
+        ),
+    ),
+    "other-systems": Chapter(
+        "Finding it in other systems",
+        (
+            gap_domains.domains,
+            *_of_record(real_systems.RECORD, real_systems.named),
+            *_of_record(known_plants.RECORD, known_plants.counted),
+            *_of_record(comparison.RECORD, comparison.compared),
+            *_of_record(so101.RECORD, so101.joints),
+        ),
+    ),
+    "simulators": Chapter(
+        "Simulators and firmware",
+        (
+            simulators.downwash_speed,
+            simulators.field_step,
+            simulators.estimates,
+            simulators.firmware_size,
+            simulators.mutants,
+            simulators.frames,
+        ),
     ),
 }
 
@@ -131,8 +167,10 @@ class Pages:
     def __init__(self, folder: Path = records.FOLDER) -> None:
         self.folder = folder
         self.used: set[str] = set()
-        self.texts = {f"docs/results/{name}": self._detail(of) for name, of in DETAILS.items()}
-        self.texts["docs/results.md"] = self._results()
+        details = {name: self._detail(make) for name, make in DETAILS.items()}
+        chapters = {f"{name}.md": self._chapter(each) for name, each in CHAPTERS.items()}
+        self.texts = {f"docs/results/{name}": text for name, text in (details | chapters).items()}
+        self.texts["docs/results.md"] = self._results(chapters, details)
         self.texts["README.md"] = readme.filled(
             (records.ROOT / "README.md").read_text("utf-8"), self._read()
         )
@@ -145,42 +183,57 @@ class Pages:
             self.texts[lesson] = tutorials.filled(name, text, read)
             self.used |= set(read.read)
 
-    def _results(self) -> str:
+    def _results(self, chapters: dict[str, str], details: dict[str, str]) -> str:
+        """The first page: the figures that are asked for first, and where all others are."""
+        told = [
+            f"- **[{_title(text)}](results/{name})**: "
+            + "; ".join(
+                f"[{_lower(title)}](results/{name}#{anchor(title)})" for title in _titles(text)
+            )
+            for name, text in chapters.items()
+        ]
         parts = [
             "# Results",
-            "`make results` makes this page from the [records](records/). Each section says what "
-            "was measured, which commands make it again, and when and at which commit the record "
-            "was made. No number here is written by hand.",
+            "Each table of these pages says what was measured, which commands make it again, and "
+            "when and at which commit its record was made. `make results` makes the pages from "
+            "the [records](records/). No number here is written by hand.",
+            readme.results(self._read()),
+            "## Pages",
+            "\n".join(told),
+            "## In detail",
+            "\n".join(f"- [{_title(text)}](results/{name})" for name, text in details.items()),
         ]
-        for chapter, sections in SECTIONS.items():
-            parts += [f"## {chapter}", *(self._section(section) for section in sections)]
         return paragraphs(*parts) + "\n"
 
-    def _section(self, make: Callable[[Records], Section]) -> str:
+    def _chapter(self, chapter: Chapter) -> str:
+        sections = (self._section(make) for make in chapter.sections)
+        return paragraphs(f"# {chapter.title}", *sections) + "\n"
+
+    def _section(self, make: Make) -> str:
         read = self._read()
         section = make(read)
         commands = "\n".join(("```sh", *section.commands, "```"))
         return paragraphs(
-            f"### {section.title}",
+            f"## {section.title}",
             section.measured,
             section.body,
             commands,
-            self._provenance(read, "records"),
+            self._provenance(read),
         )
 
     def _detail(self, make: Callable[[Records], str]) -> str:
         read = self._read()
-        return paragraphs(make(read), self._provenance(read, "../records")) + "\n"
+        return paragraphs(make(read), self._provenance(read)) + "\n"
 
     def _read(self) -> Records:
         return Records(self.folder)
 
-    def _provenance(self, read: Records, place: str) -> str:
+    def _provenance(self, read: Records) -> str:
         """When and at which commit the records of a section were made."""
         self.used |= set(read.read)
         sources = [
             f"measured {stamp.day} at {_commits(stamp.commit)}{_on(stamp.machine)}: "
-            + ", ".join(f"[{name}]({place}/{name})" for name in names)
+            + ", ".join(f"[{name}](../records/{name})" for name in names)
             for stamp, names in read.stamps().items()
         ]
         return "Records " + "; ".join(sources) + "."
@@ -192,3 +245,17 @@ def _commits(commit: str) -> str:
 
 def _on(machine: str) -> str:
     return f" on {machine}" if machine else ""
+
+
+def _title(page: str) -> str:
+    return page.partition("\n")[0].removeprefix("# ")
+
+
+def _titles(page: str) -> list[str]:
+    return [line.removeprefix("## ") for line in page.splitlines() if line.startswith("## ")]
+
+
+def _lower(title: str) -> str:
+    """A title within a sentence; a single letter is a name, such as C, unless it is an article."""
+    is_name = title[1:2] == " " and title[0] != "A"
+    return title if is_name else title[:1].lower() + title[1:]

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -86,6 +87,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def paragraphs(*parts: str) -> str:
     """Parts with an empty line between them; empty parts are left out."""
     return "\n\n".join(part for part in parts if part)
+
+
+def anchor(title: str) -> str:
+    """What a link names a heading by, on GitHub and on the site."""
+    return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 
 def mean_and_sd(values: Sequence[float], digits: int) -> str:

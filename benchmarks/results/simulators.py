@@ -50,8 +50,7 @@ def estimates(records: Records) -> Section:
     body = (
         f"Over {len(worlds)} variants, the error without memory is {span(ratios, 1)} times the "
         f"error with memory. The model with memory reaches {span(gains, 0)} % of the oracle's "
-        "gain in flight. [results/downwash-estimates.md](results/downwash-estimates.md) has all "
-        "variants."
+        "gain in flight. There is [a table of all variants](downwash-estimates.md)."
     )
     return Section(
         "Constants that the paper leaves open",

@@ -46,7 +46,8 @@ def joints(records: Records) -> Section:
                 ["joint", "effect", "gains", "why not"],
                 [line for name, row in rows.items() for line in _turned_down(name, row)],
             ),
-            f"![A stretch of an unseen motion, and replay errors by joint](figures/{FIGURE}.png)",
+            "![A stretch of an unseen motion, and replay errors by "
+            f"joint](../figures/{FIGURE}.png)",
         ),
         ("python -m benchmarks.so101 --json docs/records/so101.json",),
     )

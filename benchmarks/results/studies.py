@@ -34,7 +34,7 @@ def commands(study: str, recordings: str = "") -> tuple[str, ...]:
 
 def picture(study: str, shows: str) -> str:
     """A study's picture."""
-    return f"![{shows}](figures/study-{study}.png)"
+    return f"![{shows}](../figures/study-{study}.png)"
 
 
 def domains(records: Records) -> Section:
@@ -58,7 +58,7 @@ def domains(records: Records) -> Section:
     text = (
         "The lines *source's past only* see no past of the "
         "sufferer's motion and cannot differentiate the force out of it. "
-        "[results/studies.md](results/studies.md) has intervals and the paper's claims."
+        "[Their own sentences](studies.md) have intervals and the paper's claims."
     )
     return Section(
         "Eight architectures over six domains",

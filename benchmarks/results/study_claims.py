@@ -36,7 +36,8 @@ def page(records: Records) -> str:
         "# What the studies say",
         "`wakedeploy study` writes sentences for its figures, from the numbers: with intervals, "
         "and with what the paper claims and whether that comes out. This page has them as lists. "
-        "[Results](../results.md) has the figures and the tables of the same studies.",
+        "[The paper's comparisons](comparisons.md) have the figures and the tables of the same "
+        "studies.",
         *parts,
     )
 

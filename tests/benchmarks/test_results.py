@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import keep, records, tuned
 from benchmarks.results import compiled, faults, first_minutes, flight, readme
-from benchmarks.results.pages import SECTIONS, Pages
+from benchmarks.results.pages import CHAPTERS, Pages
 from benchmarks.results.section import ARCHITECTURES, Records
 from wakedeploy.study.pareto import Point, by_flash, by_instructions, by_ram, front
 
@@ -36,15 +36,23 @@ def test_no_record_is_unused_and_there_is_nothing_but_records(pages: Pages) -> N
 
 
 def test_every_section_states_when_and_at_which_commit_its_record_was_made(pages: Pages) -> None:
-    page = pages.texts["docs/results.md"]
-    sections = page.split("\n### ")[1:]
-    assert len(sections) == sum(len(chapter) for chapter in SECTIONS.values())
+    texts = [pages.texts[f"docs/results/{name}.md"] for name in CHAPTERS]
+    sections = [section for text in texts for section in text.split("\n## ")[1:]]
+    assert len(sections) == sum(len(chapter.sections) for chapter in CHAPTERS.values())
     for section in sections:
         (line,) = re.findall(r"^Records (measured .*)$", section, re.MULTILINE)
         for told in line.split("; "):
             form = rf"measured {DAY}(, {DAY})* at {COMMIT}(, {COMMIT})*( on [^:]+)?: "
             assert re.match(form, told), told
         assert "```\n" in section
+
+
+def test_the_first_page_is_short_and_leads_to_every_section(pages: Pages) -> None:
+    first = pages.texts["docs/results.md"]
+    assert len(first.splitlines()) < 50
+    for name in CHAPTERS:
+        titles = re.findall(r"^## (.*)$", pages.texts[f"docs/results/{name}.md"], re.MULTILINE)
+        assert len(titles) == len(re.findall(rf"\(results/{name}\.md#[\w-]+\)", first))
 
 
 def test_every_picture_and_page_that_the_results_show_is_there(pages: Pages) -> None:

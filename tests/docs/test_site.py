@@ -1,12 +1,15 @@
 """The built site: it asks no network, its search knows the words, its reference is whole."""
 
+import functools
 import importlib.util
 import json
 import re
 import sys
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import click
 import pytest
@@ -57,14 +60,49 @@ def test_no_page_loads_anything_from_elsewhere() -> None:
         assert not fetched, sheet
 
 
+@functools.cache
+def index() -> dict[str, Any]:
+    """What the site's search looks in."""
+    text = (SITE / "searchindex.js").read_text("utf-8")
+    return json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
+
+
 @built
 def test_the_search_knows_the_words_of_the_pages_offline() -> None:
-    text = (SITE / "searchindex.js").read_text("utf-8")
-    index = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
     for word, page in {"deadman": "reference/endings", "placebo": "how-to/gap-report"}.items():
-        found = index["terms"][word]
+        found = index()["terms"][word]
         numbers = [found] if isinstance(found, int) else found
-        assert page in {index["docnames"][number] for number in numbers}, word
+        assert page in {index()["docnames"][number] for number in numbers}, word
+
+
+COMMANDS = sorted((ROOT / "docs" / "reference" / "commands").glob("*.md"))
+
+
+def test_each_command_stands_on_one_page_of_the_reference() -> None:
+    named = [
+        name
+        for page in COMMANDS
+        for made in re.findall(r"```\{made\} commands (.*)", page.read_text("utf-8"))
+        for name in made.split()
+    ]
+    assert sorted(named) == sorted(main.list_commands(click.Context(main)))
+
+
+def every_command(group: click.Group, context: click.Context) -> Iterator[str]:
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        inner = click.Context(command, info_name=name, parent=context)
+        yield inner.command_path.removeprefix("wakedeploy ")
+        if isinstance(command, click.Group):
+            yield from every_command(command, inner)
+
+
+@built
+def test_the_search_finds_every_command_by_its_heading() -> None:
+    context = click.Context(main, info_name="wakedeploy")
+    for name in every_command(main, context):
+        pages = {index()["docnames"][number] for number, _ in index()["alltitles"].get(name, [])}
+        assert any(page.startswith("reference/commands/") for page in pages), name
 
 
 @built
@@ -73,7 +111,7 @@ def test_the_reference_has_every_command_name_fault_and_column() -> None:
         return re.sub(r"<[^>]+>", "", (SITE / "reference" / page).read_text("utf-8"))
 
     context = click.Context(main, info_name="wakedeploy")
-    commands = text("commands.html")
+    commands = " ".join(text(f"commands/{page.stem}.html") for page in COMMANDS)
     for name in main.list_commands(context):
         command = main.get_command(context, name)
         options = [o.opts[0] for o in command.params if isinstance(o, click.Option)]

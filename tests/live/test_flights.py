@@ -199,9 +199,8 @@ def is_read(browser):
 
 
 def draws(browser, name):
-    browser.until(
-        lambda: name in browser.script("return document.getElementById('view').textContent")
-    )
+    view = "return document.getElementById('view').textContent"
+    browser.until(lambda: name in browser.script(view), limit_s=30.0)
 
 
 @needs.chromium
@@ -246,6 +245,100 @@ def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder,
     draws(browser, "below/<b>.mcap")
     browser.until(lambda: browser.script("return document.querySelectorAll('.uplot').length") >= 3)
     assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
+
+
+MANY = 10_000
+COUNTED = """
+window.redrawn = 0;
+new MutationObserver((changes) => {
+  for (const change of changes) window.redrawn += change.addedNodes.length;
+}).observe(document.getElementById("rows"), { childList: true });
+"""
+
+
+@pytest.fixture(scope="module")
+def many(folder, tmp_path_factory):
+    """Ten thousand flights, all one file; the cache has their numbers, as if they had been read."""
+    made = tmp_path_factory.mktemp("many")
+    status = (folder / "flight0.mcap").stat()
+    row = row_of(folder / "flight0.mcap")
+    rows = {}
+    for number in range(MANY):
+        name = f"{number:05}.mcap"
+        os.link(folder / "flight0.mcap", made / name)
+        told = row | {"tracking_mm": float(number), "rig": "", "package": "abcdefg"[number % 7]}
+        rows[name] = [status.st_size, status.st_mtime_ns, told]
+    cache_file(made).parent.mkdir(parents=True, exist_ok=True)
+    cache_file(made).write_text(json.dumps({"version": module.VERSION, "logs": rows}))
+    return made
+
+
+def redrawn(browser):
+    """How many rows were put into the table since the last time."""
+    return browser.script("const told = redrawn; redrawn = 0; return told;")
+
+
+@needs.chromium
+def test_of_ten_thousand_flights_a_key_redraws_only_what_is_in_view(browser, many):
+    with serving("log", "browse", many) as url:
+        browser.open(url)
+        browser.until(lambda: browser.text("count") == f"{MANY} flights")
+        most = 60  # in view, and a little above and below
+        assert len(names(browser)) <= most
+        browser.script(COUNTED)
+        browser.press("/")
+        for typed, count in (("9", 3439), ("9", 280), ("8", 20)):
+            browser.press(typed)
+            browser.until(lambda count=count: browser.text("count") == f"{count} of {MANY} flights")
+            assert redrawn(browser) <= most
+        told = [f"{number:05}.mcap" for number in range(MANY) if "998" in f"{number:05}"]
+        assert names(browser) == told
+        browser.press("6")  # of those in view one stays, and is not drawn again
+        browser.until(lambda: names(browser) == ["09986.mcap"])
+        assert redrawn(browser) == 0
+
+
+ROWS = """
+return [document.querySelector(".rows table").getAttribute("aria-rowcount"),
+  ...[...document.querySelectorAll("#rows tr")].map((row) => row.getAttribute("aria-rowindex"))]
+  .map(Number);
+"""
+IN_VIEW = """
+const box = document.querySelector(".rows").getBoundingClientRect();
+const top = document.getElementById("heads").getBoundingClientRect().bottom;
+return [...document.querySelectorAll("#rows tr")].filter((row) => {
+  const at = row.getBoundingClientRect();
+  return at.top >= top - 1 && at.bottom <= box.bottom + 1;
+}).map((row) => row.dataset.name);
+"""
+WIDTHS = "return [...document.querySelectorAll('#heads th')].map((head) => head.offsetWidth)"
+
+
+@needs.chromium
+def test_a_long_list_scrolls_sorts_and_is_walked_through_by_keys(browser, many):
+    with serving("log", "browse", many) as url:
+        browser.open(url)
+        browser.until(lambda: browser.text("count") == f"{MANY} flights")
+        widths = browser.script(WIDTHS)
+        browser.script("document.querySelector('#rows input').focus()")
+        browser.script("const box = document.querySelector('.rows'); box.scrollTop = 1e9")
+        browser.until(lambda: names(browser)[-1] == f"{MANY - 1:05}.mcap")
+        total, *places = browser.script(ROWS)
+        assert total == MANY + 1
+        assert places == list(range(MANY + 2 - len(places), MANY + 2))
+        assert browser.script(WIDTHS) == widths
+        # The box that had the focus is gone: the list has it, and not nobody.
+        assert browser.script("return document.activeElement.className") == "rows"
+        browser.script("document.querySelectorAll('#heads button')[2].click()")
+        last = [f"{number:05}.mcap" for number in range(MANY - 1, MANY - 31, -1)]
+        browser.until(lambda: names(browser)[:20] == last[:20])
+        browser.script("document.querySelector('.rows').focus()")
+        for name in last:  # farther than was drawn
+            browser.press("\ue015")  # arrow down
+            browser.until(lambda name=name: name in browser.script(IN_VIEW))
+        draws(browser, last[-1])
+        chosen = "return document.querySelector('[aria-current]').dataset.name"
+        assert browser.script(chosen) == last[-1]
 
 
 EDGES = (

@@ -58,12 +58,12 @@ class LineChart:
     @property
     def x_ticks(self) -> list[tuple[float, str]]:
         """Places and words below the axis."""
-        return [(self._across(x), _shown(x)) for x in _ticks(*self._x_range)]
+        return [(self._across(x), shown(x)) for x in round_ticks(*self._x_range)]
 
     @property
     def y_ticks(self) -> list[tuple[float, str]]:
         """Places and words beside the axis."""
-        return [(self._up(y), _shown(y)) for y in _ticks(*self._y_range)]
+        return [(self._up(y), shown(y)) for y in round_ticks(*self._y_range)]
 
     @property
     def lines(self) -> list[tuple[str, str, list[tuple[float, float, str]]]]:
@@ -79,7 +79,7 @@ class LineChart:
             (
                 self._across(x),
                 self._up(y),
-                f"{curve.name}: {_shown(y, '.4g')} at {self.x_label} {_shown(x)}",
+                f"{curve.name}: {shown(y, '.4g')} at {self.x_label} {shown(x)}",
             )
             for x, y in _known(curve)
         ]
@@ -97,7 +97,7 @@ class LineChart:
         )
 
 
-def _shown(value: float, digits: str = "g") -> str:
+def shown(value: float, digits: str = "g") -> str:
     """A number with a minus sign, as in sentences and tables."""
     return format(value, digits).replace("-", "−")
 
@@ -116,7 +116,8 @@ def _step(low: float, high: float) -> float:
     return decade * next(step for step in (1, 2, 5, 10) if step * decade >= rough * (1 - 1e-9))
 
 
-def _ticks(low: float, high: float) -> list[float]:
+def round_ticks(low: float, high: float) -> list[float]:
+    """Some five round numbers between two."""
     step = _step(low, high)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [round(number * step, 12) for number in range(first, last + 1)]

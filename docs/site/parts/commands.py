@@ -1,7 +1,7 @@
 """Every command with its options, as `--help` has them."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from inspect import cleandoc
 from textwrap import dedent
 
@@ -11,23 +11,26 @@ from parts.markdown import plain
 from wakedeploy.cli import main
 
 _KEPT = "\b"  # what click reads as: do not refill this paragraph
-_FIRST_LEVEL = 3
+_FIRST_LEVEL = 2
 
 
-def markdown() -> str:
-    """A heading for each command, deeper for those of a group."""
+def markdown(*names: str) -> str:
+    """A heading for each of these commands, deeper for those of a group."""
     context = click.Context(main, info_name="wakedeploy")
-    return "\n\n".join(_below(main, context, _FIRST_LEVEL))
+    return "\n\n".join(_below(main, context, _FIRST_LEVEL, names))
 
 
-def _below(group: click.Group, context: click.Context, level: int) -> Iterator[str]:
-    for name in group.list_commands(context):
+def _below(
+    group: click.Group, context: click.Context, level: int, names: Sequence[str]
+) -> Iterator[str]:
+    for name in names:
         command = group.get_command(context, name)
-        assert command is not None
+        if command is None:
+            raise ValueError(f"{name}: there is no such command")
         inner = click.Context(command, info_name=name, parent=context)
         yield _section(command, inner, level)
         if isinstance(command, click.Group):
-            yield from _below(command, inner, level + 1)
+            yield from _below(command, inner, level + 1, command.list_commands(inner))
 
 
 def _section(command: click.Command, context: click.Context, level: int) -> str:

@@ -1,6 +1,7 @@
 """The report says what the artefacts say, loads nothing, and survives whatever is in the files."""
 
 import json
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -95,6 +96,12 @@ def test_every_figure_is_drawn_embedded_and_not_blank(full):
         pixels = matplotlib.image.imread(path)[..., :3]
         assert pixels.shape[1] > 500
         assert pixels.std() > 0.03  # ink on paper
+
+
+def test_each_row_of_the_ranking_says_its_gain(full):
+    page = (full[0] / "report.html").read_text("utf-8")
+    assert re.search(r"<title>spool-lag-sufferer: \d+ nats \(\d+ to \d+\)</title>", page)
+    assert page.count("On top of ") >= 2
 
 
 def test_the_page_tells_verdict_value_and_share_closed(full):

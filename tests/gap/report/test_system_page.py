@@ -146,6 +146,10 @@ def test_a_point_of_the_forecast_says_its_value(friction) -> None:
     assert "with what was found: −0.19 at time in block 2 of 2 of a [s] 0.2" in friction[1]
 
 
+def test_a_row_of_the_ranking_says_its_gain(friction) -> None:
+    assert f"<title>{FRICTION}: 90 nats (80 to 100)</title>" in friction[0]
+
+
 def test_a_user_s_own_effect_has_its_name_alone(tmp_path) -> None:
     assert plain("evaporation") == "`evaporation`"
     assert plain("gain@u") == "a gain by which u acts more, or less, than it says (`gain@u`)"

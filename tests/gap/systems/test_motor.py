@@ -84,9 +84,10 @@ def test_the_command_names_and_writes(tmp_path):
     assert "The baseline lacks <code>spool-lag</code>." in page
     assert "exponential fitted to each step alone" in page
     drawn = {p.stem for p in (tmp_path / "out" / "figures").iterdir()}
-    assert drawn == {"places", "ranking", "gap", "trace", "autocorrelation"}
+    assert drawn == {"places", "gap", "trace", "autocorrelation"}
     assert page.count("<img") == len(drawn) - 1
-    assert page.count("<svg") == 1  # the trace, whose points say their values
+    rounds = len(told["rounds"])
+    assert page.count("<svg") == rounds + 1  # rankings, and the trace: their points say values
 
 
 def test_recorded_motors_spool_as_single_steps_say(recordings):

@@ -1,4 +1,4 @@
-"""The report's other figures: spectrum, ranking, confusion, replay, before and after, placebo.
+"""The report's other figures: spectrum, confusion, replay, before and after, placebo.
 
 In: artefacts of the steps. Out: figures; None where there is nothing to draw.
 """
@@ -13,11 +13,10 @@ import numpy as np
 from wakedeploy.core import figures
 from wakedeploy.gap.report.maps import AFTER, BEFORE, labelled
 from wakedeploy.gap.report.shrinkage import closed_words, gap_channel, unchanged
-from wakedeploy.gap.report.tables import ranked
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import White
 from wakedeploy.gap.systems.gantry.artefacts import Find, Replay, Show, Spectrum, Summary, Traces
-from wakedeploy.gap.systems.gantry.findings import Confusion, Gap, Ranked, Retraining, Round
+from wakedeploy.gap.systems.gantry.findings import Confusion, Gap, Retraining
 from wakedeploy.gap.wording import FloatArray, numbers, quantity, scale_of
 
 if TYPE_CHECKING:
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 _WIDTH_IN = 7.5
 _STRAY = 6.0 * 1.4826  # medians of the error's size beyond which a reading strayed, as in `showing`
 _ON_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
-_FIRST_ROUND, _LATER_ROUNDS = 30, 10  # effects shown per panel of the ranking
 _DARK_BELOW_NATS = 60.0  # where the heat map's shades are dark
 _MOST_NUMBERED = 12  # names in a confusion matrix whose cells still have room for numbers
 
@@ -76,33 +74,6 @@ def draw_replay(replay: Sequence[Replay]) -> "Figure | None":
     axes.set(xlabel="horizon [s]", ylabel=f"height error, rms [{unit}]", ylim=(0, None))
     axes.set_xlim(0, None)
     figures.legend(axes)
-    return drawn
-
-
-def draw_ranking(
-    rounds: Sequence[Round], found: Sequence[str], rivals: Sequence[str], flights: int = 0
-) -> "Figure | None":
-    """Held-out gain per effect with interval, one panel per round, and the threshold.
-
-    `found` and `rivals` are drawn apart; of one flight (`flights`) nothing was held out.
-    """
-    rounds = [r for r in rounds if ranked(r.ranking)]
-    if not rounds:
-        return None
-    rankings = [
-        ranked(r.ranking)[: _LATER_ROUNDS if i else _FIRST_ROUND] for i, r in enumerate(rounds)
-    ]
-    heights = [0.6 + 0.19 * len(ranking) for ranking in rankings]
-    drawn, grid = figures.figure(
-        len(rounds), size=(_WIDTH_IN, sum(heights) + 0.3), squeeze=False, height_ratios=heights
-    )
-    for axes, round_, ranking in zip(grid[:, 0], rounds, rankings, strict=True):
-        _round(axes, round_, ranking, set(found), set(rivals))
-        _threshold_legend(axes)  # each round has its own
-    gain = "gain in held-out log density over the model so far [nats]"
-    if flights == 1:
-        gain = "gain in log density over the rig as it is, less a nat per parameter [nats]"
-    grid[-1, 0].set_xlabel(gain)
     return drawn
 
 
@@ -252,64 +223,6 @@ def _samples(find: Find, used: Sequence[str]) -> int:
     """Of the flights that were used, of all where the split does not say."""
     counts = [log.samples for log in find.logs if log.path in used]
     return sum(counts or [log.samples for log in find.logs])
-
-
-def _threshold_legend(axes: "Axes") -> None:
-    if axes.get_legend_handles_labels()[0]:
-        figures.legend(axes, bbox_to_anchor=(1.0, 0.0), frameon=True, edgecolor="none")
-
-
-def _round(
-    axes: "Axes",
-    round_: Round,
-    ranking: Sequence[Ranked],
-    found: set[str],
-    rivals: set[str],
-) -> None:
-    """One round: a dot and an interval per effect, the best at the top.
-
-    A class's members count from the round in which the best one passed the threshold.
-    """
-    threshold = round_.threshold_nats
-    gains = np.array([each.gain_nats for each in ranking])
-    ends = np.array([each.interval for each in ranking])
-    passes = gains >= threshold
-    any_passes = bool(passes.any())
-    chosen = [
-        (ok and c.name in found) or (any_passes and c.name in rivals)
-        for ok, c in zip(passes, ranking, strict=True)
-    ]
-    colours = np.where(chosen, AFTER, np.where(passes, figures.MEASURED, figures.LIMIT))
-    rows = np.arange(len(ranking))
-    axes.hlines(rows, ends[:, 0], ends[:, 1], colors=list(colours), linewidth=2.2, alpha=0.45)
-    axes.scatter(gains, rows, c=list(colours), s=np.where(chosen, 26, 13), clip_on=False, zorder=3)
-    names = [_plain(c.name) for c in ranking]
-    axes.set_yticks(range(len(ranking)), names, fontsize=8)
-    axes.set_ylim(len(ranking) - 0.4, -0.6)
-    axes.grid(False, axis="y")
-    axes.axvline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
-    _gain_axis(axes, ranking, threshold)
-    axes.set_title(_round_title(round_, len(ranking)))
-
-
-def _gain_axis(axes: "Axes", ranking: Sequence[Ranked], threshold: float) -> None:
-    """Linear near zero, logarithmic beyond the threshold, where one effect outgrows the rest."""
-    linear = max(threshold, 5.0) if not math.isnan(threshold) else 10.0
-    ends = [end for c in ranking for end in (c.gain_nats, *c.interval)]
-    if float(np.nanmax(np.abs(ends), initial=0.0)) > 8.0 * linear:
-        axes.set_xscale("symlog", linthresh=2.0 * linear, linscale=1.0)
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.set_xlim(right=1.5 * float(np.nanmax(ends)))
-    if not math.isnan(threshold):
-        axes.axvline(threshold, color=figures.REFERENCE, linestyle="--", linewidth=1.0,
-                     label=f"threshold, {threshold:.1f} nats")  # fmt: skip
-
-
-def _round_title(round_: Round, shown: int) -> str:
-    given = [_plain(name) for name in round_.given]
-    title = f"On top of {', '.join(given)}" if given else "On top of the model as it is"
-    total = len(round_.ranking)
-    return title if shown == total else f"{title} (best {shown} of {total})"
 
 
 def _heat_map(drawn: "Figure", axes: "Axes", loss: FloatArray, names: list[str]) -> None:

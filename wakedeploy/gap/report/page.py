@@ -16,6 +16,7 @@ from wakedeploy.gap.report import maps as report_maps
 from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.evidence import evidence
 from wakedeploy.gap.report.first_screen import first_screen
+from wakedeploy.gap.report.ranking_chart import ranking_charts
 from wakedeploy.gap.report.shrinkage import (
     closed_words,
     flight_count,
@@ -63,13 +64,6 @@ def _maps(steps: Steps) -> tuple[list[Map], list[Map]]:
     return report_maps.strongest_maps(_found(steps).maps)
 
 
-def _ranking(name: Name | None) -> "Figure | None":
-    if name is None:
-        return None
-    found = [effect.name for effect in name.effects]
-    return charts.draw_ranking(name.rounds, found, name.rivals, name.fitted_flights)
-
-
 @dataclass(frozen=True)
 class Picture:
     """One figure of the report: file name, caption, and who draws it."""
@@ -110,14 +104,6 @@ PICTURES = (
             _found(steps),
             None if cannot_tell(steps.flights) and steps.add is None else steps.show,
         ),
-    ),
-    Picture(
-        "ranking",
-        "What each effect gains on flights that its own parameters were not fitted to (noise and "
-        "calibration were, under every hypothesis), with 90 % intervals. Left of "
-        "the threshold is what calibration errors alone can gain on this rig. Orange: found; blue: "
-        "above the threshold and not chosen; grey: below.",
-        lambda steps: _ranking(steps.name),
     ),
     Picture(
         "confusion",
@@ -164,12 +150,18 @@ PICTURES = (
 )
 
 # Of too few flights no others are drawn, and their ranking is nothing like a held-out one.
-_OF_FEW = ("maps_exogenous", "maps_fed_back", "replay", "spectrum", "ranking")
+_OF_FEW = ("maps_exogenous", "maps_fed_back", "replay", "spectrum")
+_RANKED = (
+    "What each effect gains on flights that its own parameters were not fitted to (noise and "
+    "calibration were, under every hypothesis), with 90 % intervals. Left of "
+    "the threshold is what calibration errors alone can gain on this rig. Orange: found; blue: "
+    "above the threshold and not chosen; grey: below. Point at a row for its numbers."
+)
 _RANKED_ON_FEW = (
     "What each effect gains on so few flights. Of two, each is judged by sizes fitted to the "
     "other; of one nothing can be left out, and each parameter costs a nat instead (Akaike 1974). "
     "Blue: above the threshold, which is what calibration errors alone can gain on this rig, where "
-    "that is simulated; grey: below. Neither is a finding."
+    "that is simulated; grey: below. Neither is a finding. Point at a row for its numbers."
 )
 
 
@@ -204,8 +196,7 @@ def draw_pictures(steps: Steps, folder: Path) -> dict[str, pages.Picture]:
             path.unlink(missing_ok=True)  # of an earlier run
             continue
         figures.save(figure, path)
-        caption = _RANKED_ON_FEW if few and each.name == "ranking" else each.caption
-        drawn[each.name] = pages.Picture(path, caption)
+        drawn[each.name] = pages.Picture(path, each.caption)
     return drawn
 
 
@@ -271,6 +262,10 @@ def _which(steps: Steps) -> dict[str, Any]:
         "rest_white": _rest_white(name, steps.flights),
         "untried": _untried(name),
         "unknown": unknown_effect(name.unknown),
+        "charts": ranking_charts(
+            name.rounds, [each.name for each in name.effects], name.rivals, name.fitted_flights
+        ),
+        "caption": _RANKED_ON_FEW if cannot_tell(steps.flights) else _RANKED,
         "ranking": ranking_table(name.rounds[0].ranking if name.rounds else ()),
         "noise": noise_table(name.noise),
         "detectable": detectable_table(name.detectable),

@@ -13,6 +13,7 @@ import numpy as np
 from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.gap.report.phrases import plain
+from wakedeploy.gap.report.power_charts import cost_chart, minutes_chart, sizes_chart
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.planning.plan import MARGIN_NATS
 from wakedeploy.gap.systems.gantry.planning.power import EffectPower, Power
@@ -29,17 +30,17 @@ KEPT, KEPT_OF = 0.85, 100  # measured: docs/records/gap-power.json
 _WIDTH_IN = 7.5
 _ROW_IN = 0.21
 _NATS_LABELS = ["0.3", "1", "3", "10", "30", "100", "300"]
-_COLOURS = {"named": figures.TRUE, "class": figures.PREDICTED, "too small": figures.LIMIT}
 _MEANING = {
     "named": "named",
     "class": "found, but left in a class",
     "too small": "too small for these flights",
 }
+_COLOURS_SAY = "Green: named; orange: found, but left in a class; grey: too small."
 _CAPTIONS = {
     "sizes": (
         "The smallest size of each effect that these flights detect (left end) and name (right "
-        "end) four times in five, as a multiple of its plausible size. An effect without a bar is "
-        "not seen at any size; one whose bar has no right end is never named."
+        "end, the dot) four times in five, as a multiple of its plausible size. "
+        f"{_COLOURS_SAY} Point at a row for its numbers."
     ),
     "sensors": (
         "How often each effect at its plausible size will be named, with no further sensor and "
@@ -51,7 +52,7 @@ _CAPTIONS = {
     ),
     "cost": (
         "What ignoring an effect of plausible size adds to the tracking error, and how long one "
-        "has to fly until it is named."
+        f"has to fly until it is named. {_COLOURS_SAY} Point at a row for its numbers."
     ),
 }
 _MUCH_IMITATED = 0.2  # of an effect's nats
@@ -62,21 +63,18 @@ def write_page(power: Power, folder: Path, rig: Path | None = None) -> Path:
 
     `rig` is the rig file that was asked about, for the commands; None is the default rig.
     """
-    drawn = {
-        "sizes": draw_sizes(power),
-        "sensors": draw_sensors(power),
-        "confusion": draw_confusion(power),
-        "cost": draw_cost(power),
-    }
+    drawn = {"sensors": draw_sensors(power), "confusion": draw_confusion(power)}
     pictures = {}
     for name, figure in drawn.items():
         path = folder / "figures" / f"power-{name}.png"
         figures.save(figure, path)
         pictures[name] = pages.Picture(path, _CAPTIONS[name])
     path = folder / "power.html"
+    charts = {"sizes": [sizes_chart(power)], "cost": [cost_chart(power), minutes_chart(power)]}
     text = pages.page(
-        "wakedeploy.gap.report", "power.html", pictures=pictures, **_contents(power, rig)
-    )
+        "wakedeploy.gap.report", "power.html", pictures=pictures, charts=charts,
+        captions=_CAPTIONS, **_contents(power, rig),
+    )  # fmt: skip
     write_text_whole(path, text)
     return path
 
@@ -174,33 +172,13 @@ def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def draw_sizes(power: Power) -> "Figure":
-    """Bars from the detectable to the nameable size, in plausible sizes."""
-    with figures.style():
-        drawn, axes = _rows_figure(power, 1)
-        for y, e in enumerate(power.effects):
-            colour = _COLOURS[e.verdict]
-            if e.detectable is None:
-                axes.text(1.0, y, "not seen at any size", color=colour, va="center", fontsize=7)
-                continue
-            low = e.detectable / abs(e.size)
-            high = low if e.nameable is None else e.nameable / abs(e.size)
-            axes.plot([low, high], [y, y], color=colour, linewidth=4, solid_capstyle="butt")
-            axes.plot([low], [y], "|", color=colour, markersize=9)
-            axes.plot([high], [y], ">" if e.nameable is None else "o", color=colour, markersize=4)
-        axes.axvline(1.0, color=figures.REFERENCE, linewidth=0.8, linestyle="--")
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.set_xlabel("size over plausible size")
-        _explain_colours(drawn)
-    return drawn
-
-
 def draw_sensors(power: Power) -> "Figure":
     """Naming rate without and with each sensor."""
     names = ["none", *(s.name for s in SENSORS)]
     with figures.style():
-        drawn, axes = _rows_figure(power, 1)
+        count = len(power.effects)
+        drawn, axes = figures.figure(size=(_WIDTH_IN, 1.4 + _ROW_IN * count))
+        axes.set_yticks(range(count), power.names, fontsize=7.5)
         axes.imshow(power.named_with, cmap="YlGn", vmin=0.0, vmax=1.15, aspect="auto")
         for y, shares in enumerate(power.named_with):
             for x, share in enumerate(shares):
@@ -232,50 +210,6 @@ def draw_confusion(power: Power) -> "Figure":
         bar.ax.axhline(RULES.class_nats, color="#ffffff", linewidth=1.2)
         bar.set_label("nats lost by the rival (line: enough to name)")
     return drawn
-
-
-def draw_cost(power: Power) -> "Figure":
-    """Millimetres that ignoring costs, and minutes until named."""
-    with figures.style():
-        drawn, (cost_axes, minutes_axes) = _rows_figure(power, 2)
-        colours = [_COLOURS[e.verdict] for e in power.effects]
-        y = np.arange(len(power.effects))
-        cost = [0.0 if e.cost_mm is None else e.cost_mm for e in power.effects]
-        cost_axes.barh(y, cost, color=colours)
-        cost_axes.set_xlabel("added tracking error [mm]")
-        minutes = np.array([np.nan if e.minutes is None else e.minutes for e in power.effects])
-        minutes_axes.barh(y, minutes, color=colours)
-        for at in np.flatnonzero(np.isnan(minutes)):
-            minutes_axes.text(0.32, at, "never", va="center", fontsize=7, color=colours[at])
-        minutes_axes.axvline(
-            power.flights * power.flight_s / 60.0, color=figures.REFERENCE, ls="--", lw=0.8
-        )
-        minutes_axes.set_xscale("log")
-        minutes_axes.set_xlim(left=0.3)
-        minutes_axes.xaxis.set_major_formatter("{x:g}")
-        minutes_axes.set_xlabel("minutes until named (dashed: planned)")
-        for at in np.flatnonzero([e.cost_mm is None for e in power.effects]):
-            cost_axes.text(0.0, at, "failsafe", va="center", fontsize=7)
-        _explain_colours(drawn)
-    return drawn
-
-
-def _rows_figure(power: Power, columns: int) -> "tuple[Figure, Any]":
-    """Axes with one row per effect, the first on top."""
-    count = len(power.effects)
-    size = (_WIDTH_IN, 1.4 + _ROW_IN * count)
-    drawn, axes = figures.figure(1, columns, size=size, sharey=True)
-    first = axes if columns == 1 else axes[0]
-    first.set_yticks(range(count), power.names, fontsize=7.5)
-    first.set_ylim(count - 0.4, -0.6)
-    return drawn, axes
-
-
-def _explain_colours(drawn: "Figure") -> None:
-    from matplotlib.patches import Patch
-
-    handles = [Patch(color=_COLOURS[v], label=meaning) for v, meaning in _MEANING.items()]
-    drawn.legend(handles=handles, loc="outside upper left", ncols=3, fontsize=7.5)
 
 
 def next_step(power: Power, rig: Path | None) -> tuple[str, list[str]]:

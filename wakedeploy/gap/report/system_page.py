@@ -15,9 +15,10 @@ from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.core.line_chart import Curve, LineChart
 from wakedeploy.gap.report import system_charts
-from wakedeploy.gap.report.charts import draw_gaps, draw_ranking
+from wakedeploy.gap.report.charts import draw_gaps
 from wakedeploy.gap.report.maps import MOST_PLACES, draw_places, drawable_places, labelled
 from wakedeploy.gap.report.phrases import place_words
+from wakedeploy.gap.report.ranking_chart import ranking_charts
 from wakedeploy.gap.report.tables import ranking_table, whiteness
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import (
@@ -50,11 +51,6 @@ if TYPE_CHECKING:
 
 _MOST_PLACES = 12
 _CAPTIONS = {
-    "ranking": (
-        "What each effect gains on blocks that it was not fitted to, with 90 % intervals over "
-        "the blocks. Left of the threshold is what simulations of the baseline gain by chance. "
-        "Orange: accepted; blue: above the threshold and not chosen."
-    ),
     "gap": "Error per channel, noise not removed.",
     "autocorrelation": (
         "Whitened innovations of the fitted blocks: noise alone stays within the band 19 times "
@@ -62,6 +58,12 @@ _CAPTIONS = {
     ),
 }
 
+_RANKED = (
+    "What each effect gains on blocks that it was not fitted to, with 90 % intervals over "
+    "the blocks. Left of the threshold is what simulations of the baseline gain by chance. "
+    "Orange: accepted; blue: above the threshold and not chosen; grey: below. Point at a row for "
+    "its numbers."
+)
 _TRACE = "The sealed block whose error fell by the median share. Point at a curve for a value."
 
 Drawing = Callable[[], "Figure | None"]
@@ -104,14 +106,12 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
     profiles = [Profile(**dict(each)) for each in result.shown.places]
     drawings: dict[str, Drawing] = {
         "places": lambda: draw_places(profiles),
-        "ranking": lambda: draw_ranking(_rounds(result.rounds), found, result.rivals),
         "gap": lambda: draw_gaps({n: Gap(**dict(each)) for n, each in result.gap.items()}),
         "trace": lambda: system_charts.draw_trace(result.shown.trace),
         "autocorrelation": lambda: system_charts.draw_autocorrelation(
             result.white, list(result.gap)
         ),
     }
-    found = [effect.name for effect in result.effects]
     folder, blocks = out / "figures", counted(len(result.episodes), "block")
     captions = _CAPTIONS | {"places": _caption_of_places(profiles), "trace": _TRACE}
     return {
@@ -127,6 +127,10 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
         "sizes": _sizes(result),
         "where": _where(result),
         "places": _places(result),
+        "ranking": ranking_charts(
+            _rounds(result.rounds), [each.name for each in result.effects], result.rivals
+        ),
+        "ranking_caption": _RANKED,
         "alone": _alone(result.rounds),
         "placebo": _placebo(result),
         "charts": _charts(result.shown.trace),

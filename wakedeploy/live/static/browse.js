@@ -1,10 +1,12 @@
 // The list of a folder's flights: filter, sort, draw one or two, step through faults, export.
 
 import { token } from "./link.js";
+import { Rows } from "./rows.js";
 import { FlightView } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const LATER_MS = 1000;
+const KEYS_MS = 120; // an arrow key held down passes over flights, and none of them is read
 
 const number = (digits) => (value) => (value === null || value === undefined ? "–" : value.toFixed(digits));
 // A simulated flight may have been at no time of day.
@@ -22,11 +24,14 @@ const COLUMNS = [
   { key: "rig", extra: true, name: "Rig", shown: (value) => value || "–" },
 ];
 
-let rows = [];
+let rows = []; // all there are, in order
+let kept = []; // of these, the ones that pass the filter
 let sort = { key: "started", down: true };
 let chosen = [];
 let listed = {};
+let asking = new AbortController(); // for the flights that are chosen now
 const view = new FlightView($("view"));
+const table = new Rows(document.querySelector(".rows"), line);
 
 function faults(row) {
   if (row.problem) return row.problem;
@@ -35,8 +40,8 @@ function faults(row) {
   return names.join(", ").replaceAll("_", " ") || "none";
 }
 
-async function ask(path) {
-  const answer = await fetch(path, { headers: { Authorization: `Bearer ${token()}` } });
+async function ask(path, signal) {
+  const answer = await fetch(path, { headers: { Authorization: `Bearer ${token()}` }, signal });
   if (!answer.ok) throw new Error((await answer.text()).trim());
   return answer;
 }
@@ -50,7 +55,8 @@ async function load() {
     if (!error.message.startsWith("401")) setTimeout(load, 3 * LATER_MS);
     return;
   }
-  rows = listed.flights.map(prepared);
+  rows = listed.flights.map(prepared).sort(order);
+  widen();
   $("folder").textContent = listed.folder;
   draw();
   tellReports();
@@ -65,12 +71,12 @@ function prepared(row) {
   return { ...row, fault_count, text: text.join(" ").toLowerCase() };
 }
 
-function wanted(row) {
+// Whether a row passes what is typed and ticked now.
+function wanted() {
   const words = $("filter").value.toLowerCase().split(/\s+/).filter(Boolean);
-  if (!words.every((word) => row.text.includes(word))) return false;
-  if ($("only-faults").checked && !row.fault_count) return false;
-  if ($("only-gap").checked && !(row.gap > 1)) return false;
-  return !$("only-rig").checked || row.simulated === false;
+  const [onlyFaults, onlyGap, onlyRig] = ["only-faults", "only-gap", "only-rig"].map((id) => $(id).checked);
+  return (row) => words.every((word) => row.text.includes(word))
+    && (!onlyFaults || row.fault_count > 0) && (!onlyGap || row.gap > 1) && (!onlyRig || row.simulated === false);
 }
 
 // What is not known comes last, either way.
@@ -83,12 +89,16 @@ function order(a, b) {
 }
 
 function draw() {
-  const kept = rows.filter(wanted).sort(order);
-  $("rows").replaceChildren(...kept.map(line));
+  kept = rows.filter(wanted());
+  table.show(kept);
   const { done, total } = listed.reading;
   const told = kept.length === rows.length ? `${rows.length} flights` : `${kept.length} of ${rows.length} flights`;
   $("count").textContent = total ? `${told}, reading ${done} of ${total} new ones` : told;
-  heads();
+}
+
+function filter() {
+  table.toTop();
+  draw();
 }
 
 function heads() {
@@ -109,30 +119,47 @@ function heads() {
 
 function sortBy(key) {
   sort = { key, down: sort.key === key ? !sort.down : key !== "name" };
-  draw();
+  rows.sort(order);
+  heads();
+  filter();
   const at = COLUMNS.findIndex((column) => column.key === key);
   $("heads").children[at + 1].firstChild.focus(); // the first one is that of the boxes
+}
+
+// A line that nobody sees, of the longest text in each column: widths stay while rows come and go.
+function widen() {
+  const made = document.createElement("tr");
+  made.insertCell();
+  for (const column of COLUMNS) {
+    const lengths = rows.map((row) => column.shown(row[column.key], row).length);
+    const longest = lengths.reduce((best, length, at) => (length > lengths[best] ? at : best), 0);
+    if (rows.length) made.append(cell(column, rows[longest]));
+  }
+  $("widest").replaceChildren(made);
 }
 
 function line(row) {
   const made = document.createElement("tr");
   made.dataset.name = row.name;
-  made.className = ["is-first", "is-second"][chosen.indexOf(row.name)] ?? "";
   made.insertCell().append(overBox(row));
-  for (const column of COLUMNS) {
-    const cell = made.insertCell();
-    const text = column.shown(row[column.key], row);
-    if (column.key === "started" && row.started) cell.append(Object.assign(document.createElement("span"), { className: "year", textContent: text.slice(0, 5) }), text.slice(5));
-    else cell.textContent = text;
-    cell.className = [column.kind && `is-${column.kind}`, column.bad?.(row) && "is-bad", column.extra && "is-extra"].filter(Boolean).join(" ");
-    if (column.kind === "name" || column.kind === "faults") cell.title = text;
-  }
+  made.append(...COLUMNS.map((column) => cell(column, row)));
   made.addEventListener("click", (event) => choose(row.name, event.shiftKey));
+  markOne(made);
+  return made;
+}
+
+function cell(column, row) {
+  const made = document.createElement("td");
+  const text = column.shown(row[column.key], row);
+  if (column.key === "started" && row.started) made.append(Object.assign(document.createElement("span"), { className: "year", textContent: text.slice(0, 5) }), text.slice(5));
+  else made.textContent = text;
+  made.className = [column.kind && `is-${column.kind}`, column.bad?.(row) && "is-bad", column.extra && "is-extra"].filter(Boolean).join(" ");
+  if (column.kind === "name" || column.kind === "faults") made.title = text;
   return made;
 }
 
 function overBox(row) {
-  const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: chosen[1] === row.name });
+  const box = Object.assign(document.createElement("input"), { type: "checkbox" });
   box.ariaLabel = `Draw ${row.name} over the chosen one`;
   box.addEventListener("click", (event) => {
     event.stopPropagation();
@@ -141,25 +168,31 @@ function overBox(row) {
   return box;
 }
 
-async function choose(name, over) {
+async function choose(name, over, wait_ms = 0) {
   if (over && chosen[1] === name) chosen = chosen.slice(0, 1);
   else chosen = over && chosen.length && chosen[0] !== name ? [chosen[0], name] : [name];
   mark();
-  const asked = [...chosen];
+  asking.abort();
+  asking = new AbortController();
+  const { signal } = asking;
+  if (wait_ms) await new Promise((done) => setTimeout(done, wait_ms));
+  if (!signal.aborted) await drawChosen(name, signal);
+}
+
+async function drawChosen(name, signal) {
   const begun = performance.now();
   const telling = setInterval(() => {
     const seconds = (performance.now() - begun) / 1000;
-    if (asked.join() === chosen.join()) notice(`Reading ${name} …${seconds < 2 ? "" : ` ${seconds.toFixed(0)} s so far`}`);
+    if (!signal.aborted) notice(`Reading ${name} …${seconds < 2 ? "" : ` ${seconds.toFixed(0)} s so far`}`);
   }, 500);
   try {
-    const flights = await (await ask(`/api/flight?${query()}`)).json();
-    if (asked.join() !== chosen.join()) return; // another one was chosen meanwhile
+    const flights = await (await ask(`/api/flight?${query()}`, signal)).json();
     $("drawn").hidden = false;
     view.show(flights);
     $("replay").textContent = `Replay: wakedeploy live ${quoted(`${listed.folder}/${chosen[0]}`)}`;
     notice("");
   } catch (error) {
-    notice(`${name} cannot be drawn (${error.message}).`);
+    if (!signal.aborted) notice(`${name} cannot be drawn (${error.message}).`); // else another one was chosen
   } finally {
     clearInterval(telling);
   }
@@ -168,11 +201,14 @@ async function choose(name, over) {
 const quoted = (path) => (/^[\w./-]+$/.test(path) ? path : `'${path.replaceAll("'", "'\\''")}'`);
 
 function mark() {
-  for (const made of $("rows").children) {
-    const place = chosen.indexOf(made.dataset.name);
-    made.className = ["is-first", "is-second"][place] ?? "";
-    made.querySelector("input").checked = place === 1;
-  }
+  for (const made of $("rows").children) markOne(made);
+}
+
+function markOne(made) {
+  const place = chosen.indexOf(made.dataset.name);
+  made.className = ["is-first", "is-second"][place] ?? "";
+  made.ariaCurrent = place === 0 ? "true" : null;
+  made.querySelector("input").checked = place === 1;
 }
 
 const query = () => chosen.map((name) => `name=${encodeURIComponent(name)}`).join("&");
@@ -207,17 +243,17 @@ function keyed(event) {
     $("filter").focus();
   }
   if (document.activeElement.tagName === "INPUT" || !["ArrowDown", "ArrowUp"].includes(event.key)) return;
-  const shown = [...$("rows").children];
-  const at = shown.findIndex((made) => made.dataset.name === chosen[0]);
-  const next = shown[Math.max(0, Math.min(shown.length - 1, at + (event.key === "ArrowDown" ? 1 : -1)))];
-  if (!next) return;
+  if (!kept.length) return;
+  const at = kept.findIndex((row) => row.name === chosen[0]);
+  const next = Math.max(0, Math.min(kept.length - 1, at + (event.key === "ArrowDown" ? 1 : -1)));
   event.preventDefault();
-  next.scrollIntoView({ block: "nearest" });
-  choose(next.dataset.name, false);
+  table.reveal(next);
+  choose(kept[next].name, false, KEYS_MS);
 }
 
-$("filter").addEventListener("input", draw);
-for (const id of ["only-faults", "only-gap", "only-rig"]) $(id).addEventListener("change", draw);
+$("filter").addEventListener("input", filter);
+for (const id of ["only-faults", "only-gap", "only-rig"]) $(id).addEventListener("change", filter);
 $("export").addEventListener("click", () => exported().catch((error) => notice(`The export failed (${error.message}).`)));
 document.addEventListener("keydown", keyed);
+heads();
 load();

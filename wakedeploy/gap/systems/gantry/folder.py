@@ -29,9 +29,10 @@ from wakedeploy.gap.systems.gantry.findings import Answer, Judged, Told
 STEPS = ("find", "name", "add", "show", "result")
 TITLE = "The gap between simulation and measurement"  # of the report, by which it is known
 PICTURES = (
-    *("maps_exogenous", "maps_fed_back", "replay", "spectrum", "ranking", "confusion"),
+    *("maps_exogenous", "maps_fed_back", "replay", "spectrum", "confusion"),
     *("before_after", "places", "forecasts", "placebo", "retraining"),
 )
+_FORMER_PICTURES = ("ranking",)  # of earlier versions; the page itself draws it now
 
 Kind = TypeVar("Kind", bound=Artefact)
 
@@ -188,7 +189,8 @@ def forget(folder: Path, first: str) -> None:
         (folder / "rig.toml").unlink()
     for step in stale:
         (folder / f"{step}.json").unlink(missing_ok=True)
-    for drawn in ((folder / "figures" / f"{name}.png") for name in PICTURES):
+    every = PICTURES + _FORMER_PICTURES
+    for drawn in ((folder / "figures" / f"{name}.png") for name in every):
         drawn.unlink(missing_ok=True)
     report = folder / "report.html"
     if report.is_file() and _wrote_report(report):

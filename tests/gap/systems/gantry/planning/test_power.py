@@ -1,6 +1,7 @@
 """Power: what is said before flying, and the page that says it."""
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -17,12 +18,12 @@ from wakedeploy.cli.output import write_json
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.separation import gather, loss_nats
+from wakedeploy.gap.report.power_charts import cost_chart, minutes_chart, sizes_chart
 from wakedeploy.gap.report.power_page import (
     COLUMNS,
     KEPT,
     KEPT_OF,
     SURELY,
-    draw_cost,
     next_step,
     rows,
     sentences,
@@ -112,12 +113,13 @@ def test_what_is_seen_is_known_to_be_seen(told) -> None:
 def test_the_page_is_whole_and_loads_nothing(told, tmp_path) -> None:
     path = write_page(told, tmp_path)
     html = path.read_text()
-    assert html.count("data:image/png;base64,") == 4
+    assert html.count("data:image/png;base64,") == 2
+    assert html.count("<svg") == 3
     assert "http://" not in html
     assert "https://" not in html
     for e in told.effects:
         assert e.name in html
-    assert len(list((tmp_path / "figures").glob("power-*.png"))) == 4
+    assert len(list((tmp_path / "figures").glob("power-*.png"))) == 2
     write_json(tmp_path / "power.json", told.as_json())
     read = json.loads((tmp_path / "power.json").read_text())
     assert [e["name"] for e in read["effects"]] == list(NAMES)
@@ -150,7 +152,21 @@ def test_a_flight_that_an_effect_ends_and_a_size_never_named_are_said_so(told) -
     assert first.count("never") == 3
     assert "fails" in first
     assert "failsafe" in " ".join(sentences(changed))
-    assert "never" in {text.get_text() for text in draw_cost(changed).axes[1].texts}
+    charts = (sizes_chart(changed), cost_chart(changed), minutes_chart(changed))
+    assert [chart.dots[0].note for chart in charts] == ["not seen at any size", "failsafe", "never"]
+
+
+@pytest.mark.whole
+def test_a_row_of_the_page_says_sizes_costs_and_minutes(told) -> None:
+    for sizes, cost, minutes, each in zip(
+        *(chart(told).dots for chart in (sizes_chart, cost_chart, minutes_chart)),
+        told.effects,
+        strict=True,
+    ):
+        assert sizes.low == pytest.approx(each.detectable / abs(each.size))
+        assert math.isnan(sizes.value) == (each.nameable is None)
+        assert f"{each.cost_mm:.1f} mm".lstrip("-") in cost.says
+        assert (minutes.note == "never") == (each.minutes is None)
 
 
 @pytest.mark.whole
