@@ -61,11 +61,13 @@ class _Steps(Group):
 def command() -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show.
 
-    Everything at once, on flights that one rig flew with one rig file:
+    Everything at once, on flights that one rig flew with one rig file, or on logs of a system of
+    your own:
 
     \b
     Example:
         wakedeploy gap close --rig rig.toml --measured flight*.mcap --out gap
+        wakedeploy gap close --system my_robot.py --measured log.csv --out gap
     The same in steps, to stop and look in between:
         wakedeploy gap find … ; wakedeploy gap name … ; wakedeploy gap add … ; wakedeploy gap show …
     The whole story on the virtual gantry:
@@ -168,6 +170,7 @@ def close_gap(
     \b
     Example:
         wakedeploy gap close --rig rig.toml --measured flights/*.mcap --out gap
+        wakedeploy gap close --system my_robot.py --measured log.csv --out gap
     """
     _progress("loading")
     from wakedeploy.api.gaps import close_gap as close
@@ -264,10 +267,11 @@ def add_effect(
     only: str | None,
     from_symbolic: bool,
 ) -> None:
-    """Write the corrected rig file, OUT/rig.toml; the old one stays.
+    """Write the corrected rig file, OUT/rig.toml; the old one stays. Of a system, correction.toml.
 
     \b
     Example:
+        wakedeploy gap add --system my_robot.py --measured log.csv --out gap
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --effect stiction
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic

@@ -155,6 +155,14 @@ def _tell(made: "Plan") -> None:
             "No input of the menu tells enough within the limits; widen them, or add a sensor."
         )
         return
+    if best.nats < made.logged_nats:
+        click.echo(
+            f"No input of the menu tells more than the present logs do: {best.nats:.3g} nats in "
+            f"{best.seconds:.0f} s at best, where as much of them has {made.logged_nats:.3g}. "
+            "Recording it would not help; check columns and units, widen the limits, or add a "
+            "sensor."
+        )
+        return
     click.echo(
         f"Record {best.excitation.name} on {', '.join(best.moved)}: {best.nats:.3g} nats in "
         f"{best.seconds:.0f} s, where as much of the present logs has {made.logged_nats:.3g}."
@@ -165,7 +173,8 @@ def _write_input(path: Path, model: "LogModel", made: "Plan") -> None:
     """The best input as CSV, to be played to the system."""
     import numpy as np
 
-    if not made.options or made.options[0].logs is None:
+    best_of_all = made.options[0] if made.options else None
+    if best_of_all is None or best_of_all.logs is None or best_of_all.nats < made.logged_nats:
         raise CheckFailed(f"{path}: not written, for no input tells enough.")
     best = made.options[0].columns
     names = [i.name for i in model.system.inputs]

@@ -8,7 +8,7 @@ import click
 
 from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.many_files import Many
-from wakedeploy.cli.output import json_option, print_table, write_json
+from wakedeploy.cli.output import json_option, print_table, warn, write_json
 
 if TYPE_CHECKING:
     from wakedeploy.core.recording import Recording
@@ -98,7 +98,8 @@ def check(
             model, base, lambda done, of: progress("moving constants and effects", done, of)
         )
     print_table(
-        "What they move, in standard deviations of the prediction errors",
+        "Could these logs show it? No ranking, no answer: what each would move, in standard "
+        "deviations of the prediction errors",
         ["constant or effect", "moves", "others free", "looks like"],
         [[r.name, _share(r.moved), _share(r.left), ", ".join(r.like)] for r in sensitivities],
     )
@@ -175,7 +176,10 @@ def recordings(
     from wakedeploy.domains.tables.reading import read_recordings
 
     units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
-    return list(read_recordings(list(measured), read_columns(columns), units).recordings)
+    reading = read_recordings(list(measured), read_columns(columns), units)
+    for note in reading.notes:
+        warn(note)
+    return list(reading.recordings)
 
 
 def run_steps(

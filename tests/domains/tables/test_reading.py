@@ -72,6 +72,50 @@ def test_a_unit_of_another_dimension_is_refused(
 
 
 @pytest.mark.parametrize(
+    ("role", "is_measured"),
+    [("output", False), ("input", True), ('["output", "observation"]', True)],
+)
+def test_what_a_silent_sensor_said_last_is_not_measured_again(
+    role: str, is_measured: bool, tmp_path: Path
+) -> None:
+    stamps = [k / 100 for k in range(400) if not 200 < k < 250]
+    path = write(tmp_path / "log.csv", stamps, stamps)
+    text = BASE + U.replace('"input"', role if role[0] == "[" else f'"{role}"')
+    read = reading(path, text + "[resample]\nrate_hz = 100\n")
+    (recording,) = read.recordings
+    silent = recording.columns["u"][205:248]
+    assert np.isfinite(silent).all() if is_measured else np.isnan(silent).all()
+    assert np.isfinite(recording.columns["u"][:201]).all()
+    (note,) = read.notes
+    assert "silent for 0.5 s" in note
+    assert ("not measured" in note) != is_measured
+
+
+def test_a_gap_and_a_missing_number_are_refused_with_what_helps(tmp_path: Path) -> None:
+    stamps = [k / 100 for k in range(400) if not 200 < k < 250]
+    path = write(tmp_path / "log.csv", stamps, stamps)
+    with pytest.raises(UnusableInput, match=r"\[split\] gap_s = 0.1; \[resample\]"):
+        one(path, BASE + U)
+    with pytest.raises(UnusableInput, match=r"gap_s = 0.1 \(the one given, 1, is longer\)"):
+        one(path, BASE + "[split]\ngap_s = 1.0\n" + U)
+    assert len(reading(path, BASE + "[split]\ngap_s = 0.1\n" + U).recordings) == 2
+    path = write(tmp_path / "log.csv", tenths(9), [1.5] * 8 + [""])
+    with pytest.raises(UnusableInput, match='missing = "nan", which ignores it'):
+        one(path, BASE + U.replace("input", "output"))
+    with pytest.raises(UnusableInput, match='missing = "split", or "hold"'):
+        one(path, BASE + U)
+
+
+def test_a_unit_that_the_column_s_name_contradicts_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,encoder_mm\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")
+    text = BASE + U.replace('column = "u"', 'column = "encoder_mm"')
+    assert "its name says mm" in reading(path, text.replace('"V"', '"m"')).notes[0]
+    assert not reading(path, text.replace('"V"', '"mm"')).notes
+    assert not reading(path, text).notes  # of another dimension: the name is no unit
+
+
+@pytest.mark.parametrize(
     ("name", "to", "is_refused"),
     [("u_v", "mV", True), ("u_v", "V", False), ("u_mv", "mV", False), ("u", "mV", False)],
 )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.core.units import conversion, is_angular, si_unit
+from wakedeploy.core.units import conversion, is_angular, si_unit, unit_at_end
 from wakedeploy.domains.tables.columns import Column, Columns
 from wakedeploy.domains.tables.log import (
     Clock,
@@ -37,6 +37,7 @@ from wakedeploy.domains.tables.resampling import (
     evened,
     held,
     low_passed,
+    stale,
     unevenness,
 )
 from wakedeploy.domains.tables.stamps import (
@@ -60,6 +61,7 @@ class Wanted:
 
     def __init__(self, name: str, column: Column, unit: str | None, file: str) -> None:
         self.name, self.column = name, column
+        self.doubt = _doubted(column)
         try:
             self.unit = unit or column.to or si_unit(column.unit)
             self._factor = conversion(column.unit, self.unit)
@@ -79,6 +81,15 @@ class Wanted:
             if factor == 1:
                 return scaled
             return np.asarray(scaled * float(factor.numerator) / float(factor.denominator))
+
+    @property
+    def advice_on_missing(self) -> str:
+        """What to do where a sample has no number; what is held counts as measured."""
+        if self.column.role == "output":
+            what = 'missing = "nan", which ignores it, or "split", which ends the recording there'
+        else:
+            what = 'missing = "split", or "hold" for what is written only when it changes'
+        return f"give {what}, in [columns.{self.name}]"
 
     @property
     def _is_scaled(self) -> bool:
@@ -319,10 +330,12 @@ class FileReader:
         if absent.any() and wanted.column.missing == "refuse":
             at = int(times.rows[int(np.argmax(absent))])
             reason = f"has no number in {place.row(at)}"
-            advice = f'give missing = "hold", "split" or "nan" in [columns.{wanted.name}]'
-            raise place.refused(reason, advice)
+            raise place.refused(reason, wanted.advice_on_missing)
         if wanted.column.missing == "hold" and absent.any():
-            self._tell(place, f"{int(absent.sum())} samples have no number; the last one is held")
+            count = f"{int(absent.sum())} samples have no number"
+            self._tell(place, f"{count}; the last one is held, and counts as measured")
+        if wanted.doubt:
+            self._tell(place, wanted.doubt)
         return _Series(wanted, place, times, values)
 
     def _tell(self, place: _Place, note: str) -> None:
@@ -398,8 +411,17 @@ class FileReader:
             row = column.place.row(int(column.times.rows[first + at]))
             step_s, usual_s = stamps_s[at] - stamps_s[at - 1], float(np.median(np.diff(stamps_s)))
             reason = f"steps by {step_s:.4g} s at {row}, where {usual_s:.4g} s is usual"
-            advice = "give [resample] rate_hz, or [split] gap_s where samples are lost"
-            raise column.place.clock_refused(reason, advice)
+            raise column.place.clock_refused(reason, self._advice_on_steps(step_s, usual_s))
+
+    def _advice_on_steps(self, step_s: float, usual_s: float) -> str:
+        """Samples that are lost end a recording; a clock that is never even needs a rate."""
+        resample = "[resample] rate_hz where the clock is never even"
+        if step_s < 2.0 * usual_s:
+            return f"give {resample}"
+        gap_s = f"{min(10.0 * usual_s, 0.7 * step_s):.1g}"
+        now_s = self.columns.split.gap_s
+        now = "" if now_s is None else f" (the one given, {now_s:g}, is longer)"
+        return f"where samples are lost give [split] gap_s = {gap_s}{now}; {resample}"
 
     def _resampled(
         self, series: Sequence[_Series], start_s: float, end_s: float
@@ -422,16 +444,43 @@ class FileReader:
         assert how is not None
         stamps_s, values = column.times.stamps_s, _filled(column)
         if how.method == "hold":
-            return held(stamps_s, values, ticks_s)
+            return self._but_stale(column, ticks_s, held(stamps_s, values, ticks_s))
         if np.isnan(values[stamps_s >= ticks_s[0]]).any():
-            advice = f'give missing = "hold" or "split" in [columns.{column.wanted.name}]'
+            advice = f'give missing = "split" in [columns.{column.wanted.name}]'
             raise column.place.refused(
                 "has samples without a number, which no filter takes", advice
             )
         try:
-            return low_passed(stamps_s, values, ticks_s, how.effective_cutoff_hz)
+            filtered = low_passed(stamps_s, values, ticks_s, how.effective_cutoff_hz)
         except ValueError as error:
             raise column.place.refused(f"cannot be filtered: {error}", "cut the log") from error
+        return self._but_stale(column, ticks_s, filtered)
+
+    def _but_stale(self, column: _Series, ticks_s: Vector, values: Vector) -> Vector:
+        """The values; where a sensor was silent for some of its own steps, they are unmeasured.
+
+        What is held there would count as measured. An input acts on, and is held.
+        """
+        stamps_s = column.times.stamps_s
+        is_stale = stale(stamps_s, ticks_s)
+        if column.is_event or not is_stale.any():
+            return values
+        count = f"silent for {float(np.diff(stamps_s).max()):.3g} s and less"
+        if column.wanted.column.role != "output":
+            self._tell(column.place, f"{count}; the last sample is held")
+            return values
+        self._tell(column.place, f"{count}; these {int(is_stale.sum())} samples are not measured")
+        return np.where(is_stale, np.nan, values)
+
+
+def _doubted(column: Column) -> str:
+    """What speaks against a column's unit: another one of the same dimension in its name."""
+    named = unit_at_end(column.column.lower())
+    try:
+        differs = named is not None and conversion(column.unit, named) != 1
+    except ValueError:
+        return ""
+    return f"read as {column.unit}, and its name says {named}; is `unit` right?" if differs else ""
 
 
 def _clock_key(place: _Place) -> tuple[int, str]:

@@ -30,6 +30,7 @@ from wakedeploy.domains.tables.stamps import (
 Vector = NDArray[np.float64]
 
 _MOST_COLUMNS = 400
+_SELDOM = 0.5  # of the samples with a number: fewer are written only when they change
 _LATEST_S = 1e12
 _LIKELY_HZ = (0.05, 50_000.0)
 _TIME_NAMES = (
@@ -357,8 +358,10 @@ def _entry(file: str, field: Field, values: Values, taken: set[str]) -> Iterator
     yield f"unit = {_toml(unit)}{remark}"
     if unit != si_unit(unit) and field.name.lower().endswith(f"_{unit.lower()}"):
         yield f"to = {_toml(unit)}  # as its name says"
-    if len(there) < len(numbers):
-        yield 'missing = "hold"  # ? some samples have no number'
+    if len(there) < _SELDOM * len(numbers):
+        yield 'missing = "hold"  # ? written only when it changes'
+    elif len(there) < len(numbers):
+        yield 'missing = "split"  # ? some samples have no number; "nan" ignores those of a sensor'
 
 
 def _range(there: Vector) -> str:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 _NEAR = 0.25  # of a log's own step, by which its stamps may lie off the ticks to be one each
+_STALE_STEPS = 3.0  # of its own, after which a sensor's last sample says nothing of now …
+_USUAL = 0.95  # … of which so many are no longer: many logs have uneven ones
 _FINER = 10.0  # times the cut-off, at which the filter runs at least
 _MOST_FINE = 64 << 20  # steps of the filter
 
@@ -35,6 +37,14 @@ def held(stamps_s: Vector, values: Vector, ticks_s: Vector) -> Vector:
     """The newest value at or before each tick; NaN before the first."""
     newest = np.searchsorted(stamps_s, ticks_s, side="right") - 1
     return np.where(newest >= 0, values[np.maximum(newest, 0)], np.nan)
+
+
+def stale(stamps_s: Vector, ticks_s: Vector) -> NDArray[np.bool_]:
+    """Ticks (m,) whose newest sample is older than some of the log's own longer steps."""
+    newest = np.searchsorted(stamps_s, ticks_s, side="right") - 1
+    steps_s = np.diff(stamps_s)
+    bound_s = _STALE_STEPS * float(np.quantile(steps_s, _USUAL)) if len(steps_s) else np.inf
+    return np.asarray((newest >= 0) & (ticks_s - stamps_s[np.maximum(newest, 0)] > bound_s))
 
 
 def low_passed(stamps_s: Vector, values: Vector, ticks_s: Vector, cutoff_hz: float) -> Vector:

@@ -75,9 +75,11 @@ def _log(system: System, recording: Recording) -> Log:
     thinning = recording.rate_hz / system.rate_hz
     every = max(round(thinning), 1)
     if abs(thinning / every - 1.0) > _RATE_TOLERANCE:
+        lasts_s = recording.time_s[-1] - recording.time_s[0]
         raise UnusableInput(
             f"{recording.name}: {recording.rate_hz:.6g} samples a second, which is no whole "
-            f"multiple of {system.name}.rate_hz = {system.rate_hz:.6g}; change one of them."
+            f"multiple of {system.name}.rate_hz = {system.rate_hz:.6g}; change one of them. If it "
+            f"did not last {lasts_s:.4g} s, the time's unit is wrong."
         )
     n = len(recording.time_s) // every
     inputs = [

@@ -15,9 +15,9 @@ from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.search.looking import Ground, look
-from wakedeploy.gap.systems.blocks import SHORTEST
+from wakedeploy.gap.systems.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.wording import counted
+from wakedeploy.gap.wording import counted, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
@@ -71,7 +71,8 @@ def column_notes(model: LogModel) -> list[str]:
     if model.episodes < FEWEST_IN_ALL:
         notes.append(
             f"too short for a search: these logs make {counted(model.episodes, 'block')} of at "
-            f"least {SHORTEST} samples, and {FEWEST_IN_ALL} are needed; record more."
+            f"least {SHORTEST} samples, and {FEWEST_IN_ALL} are needed; record more. They "
+            f"last {_duration(logs, model.dt_s)}; if it was longer, the time's unit is wrong."
         )
     part = model.thinned()
     if part is not model:
@@ -80,6 +81,7 @@ def column_notes(model: LogModel) -> list[str]:
             f"long logs: a search looks at the first {searched} samples of each block; sizes, and "
             "what sealed blocks say, come from all."
         )
+    notes += _ranges(model)
     for i, stated in enumerate(model.system.inputs):
         notes += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))
     for i, shown in enumerate(model.system.outputs):
@@ -89,6 +91,24 @@ def column_notes(model: LogModel) -> list[str]:
         if missing > 0.0:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
     return notes
+
+
+def _duration(logs: Sequence[Log], dt_s: float) -> str:
+    """How long logs are together."""
+    return f"{dt_s * sum(log.outputs.shape[1] for log in logs):.3g} s"
+
+
+def _ranges(model: LogModel) -> list[str]:
+    """Where each column lies, in the system's unit: a wrong unit shows here first."""
+    system = model.system
+    named = [(f"input {i.name}", i.unit) for i in system.inputs]
+    named += [(f"output {o.name}", o.unit) for o in system.outputs]
+    every = np.concatenate([np.concatenate([log.inputs, log.outputs]) for log in model.logs], 1)
+    ends = zip(np.nanmin(every, axis=1), np.nanmax(every, axis=1), strict=True)
+    return [
+        f"{name}: {minus(f'{low:.4g}')} to {minus(f'{high:.4g}')} {unit}"
+        for (name, unit), (low, high) in zip(named, ends, strict=True)
+    ]
 
 
 def _notes(what: str, values: FloatArray) -> list[str]:

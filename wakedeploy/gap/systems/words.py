@@ -65,8 +65,8 @@ def _found(disagreements: Disagreements) -> list[str]:
 
 
 def _verdict(answer: Answer) -> list[str]:
-    """What the system lacks, and what speaks against that."""
-    return [_lacking(answer), *_moved(answer)]
+    """What the system lacks; before it, what speaks against any answer."""
+    return [*_moved(answer), _lacking(answer)]
 
 
 def _lacking(answer: Answer) -> str:
@@ -121,6 +121,8 @@ def _importance(result: Result) -> str:
 def _certainty(result: Result) -> str:
     """What the answer rests on."""
     fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
+    if result.moved:
+        return "Not at all before those constants and units are right."
     if result.verdict == "none":
         return "Where nothing is missing, one search in twenty names something; this one did not."
     beyond = "Chance alone brings as much in less than one search of twenty."
@@ -143,7 +145,10 @@ def _certainty(result: Result) -> str:
 def next_step(result: Result) -> str:
     """What to do; the commands stand below."""
     if result.moved:
-        return "Check those constants and units before anything else."
+        return (
+            "Check those constants, and the units of columns.toml: `gap check` prints in which "
+            "range each column lies, in the system's unit."
+        )
     if result.verdict == "class":
         return (
             "Record the input that tells them apart, and ask again with that log, too. In the "
@@ -163,8 +168,8 @@ def next_step(result: Result) -> str:
 
 def _moved(answer: Answer) -> list[str]:
     return [
-        f"Doubt this: it holds only with {name} {abs(spreads):.0f} of its spreads away from what "
-        "the system states. Check its unit, and those of the log's columns."
+        f"No answer yet: the logs ask for {name} {abs(spreads):.0f} of its spreads away from what "
+        "the system states. A unit may be wrong, its own or that of a column. With it as it is:"
         for name, spreads in answer.moved.items()
     ]
 

@@ -85,6 +85,11 @@ class Manoeuvre:
 
 def what_is_open(folder: Path) -> Open:
     """Read it from the folder's artefacts; UnusableInput where nothing is open, or not known."""
+    if (folder / "domain.json").is_file():
+        raise UnusableInput(
+            f"{folder} is of a system and not of a rig: ask `wakedeploy gap plan --system` which "
+            "input tells more, record it, and search with that log, too."
+        )
     steps = read_steps(folder)
     if steps.result is None:
         raise UnusableInput(f"{folder}: there is no result.json; run `wakedeploy gap close` first.")
