@@ -1,6 +1,6 @@
 """The tutorials, obeyed line by line in an empty folder, and what each line printed.
 
-    python -m benchmarks.tutorials first-predictor own-system at-the-rig
+    python -m benchmarks.tutorials first-predictor own-system mujoco-arm at-the-rig
 
 A block after a comment `<!-- file: NAME -->` is written to that file when its turn comes. Writes
 docs/records/tutorial-NAME.json and the pictures that the tutorials show. `make results` puts the

@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.results.section import Records
 
-PAGES = ("first-predictor", "own-system", "at-the-rig")
+PAGES = ("first-predictor", "own-system", "mujoco-arm", "at-the-rig")
 _SHOWN = re.compile(
     r"^```sh\n(?P<commands>(?:(?!^```$).*\n)*)```\n\n"
     r"<!-- output -->\n```text\n(?:(?!^```$).*\n)*```$",
