@@ -22,12 +22,9 @@ _EVERY = 3  # of the episodes, one is enough to choose points by
 def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
     """Parameters (p,) of the system without effects to climb from."""
     free = model.free(())
-    start = neutral(free)
-    unknown = [i for i, f in enumerate(free) if _is_unmeasured(f)]
-    if not unknown:
+    start, points, some = neutral(free), points_around(model, ()), glanced_at(episodes)
+    if len(points) == 0:
         return start
-    points = _around(start, free, unknown)
-    some = tuple(episodes)[:: _EVERY if len(episodes) > _EVERY else 1]
     scores = scores_of(model, (), points, some)
     fits = [
         Fit(
@@ -40,6 +37,20 @@ def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
     if not better:
         return start
     return max(raced(model, fits[0], [fits[0], *better]), key=lambda f: f.objective).theta
+
+
+def glanced_at(episodes: Sequence[int]) -> tuple[int, ...]:
+    """Those by which points are chosen."""
+    return tuple(episodes)[:: _EVERY if len(episodes) > _EVERY else 1]
+
+
+def points_around(model: Comparison, hypothesis: tuple[str, ...]) -> FloatArray:
+    """Neutral values, and the decade of constants that nobody has measured, (K, p); else (0, p)."""
+    free = model.free(hypothesis)
+    unknown = [i for i, f in enumerate(free) if _is_unmeasured(f)]
+    if not unknown:
+        return np.zeros((0, len(free)))
+    return _around(neutral(free), free, unknown)
 
 
 def _is_unmeasured(free: Free) -> bool:

@@ -34,7 +34,7 @@ _NEAR_NATS = 15.0  # as near as that none has fallen behind
 
 def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
     """Fits from all starts; those that soon gain much less than the best one are left there."""
-    fits, rising = [_fresh(model, start, start.theta) for start in starts], [True] * len(starts)
+    fits, rising = [fresh(model, start, start.theta) for start in starts], [True] * len(starts)
     for step in range(_MOST):
         best = max((f.objective for f in fits), default=0.0) - base.objective
         for i, fitted in enumerate(fits):
@@ -94,7 +94,7 @@ def advanced(model: Comparison, fitted: Fit) -> tuple[Fit, float]:
         best = int(np.argmax(np.nan_to_num(reached, nan=-np.inf)))
         rise = reached[best] - fitted.objective
         if rise > 0.0:
-            return _fresh(model, fitted, points[best]), float(rise)
+            return fresh(model, fitted, points[best]), float(rise)
     return fitted, 0.0
 
 
@@ -120,7 +120,7 @@ def _stepped(fitted: Fit, damping: float) -> FloatArray:
     return np.asarray(np.clip(theta + np.nan_to_num(step), low, high))
 
 
-def _fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:
+def fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:
     """The fit at another point, its scores and slopes from one run.
 
     Slopes of what is nearly linear, the form, are kept where they are known.

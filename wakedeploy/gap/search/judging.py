@@ -28,11 +28,12 @@ from wakedeploy.gap.evidence.inference import (
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
+from wakedeploy.gap.search.anew import begun_anew, bettered
 from wakedeploy.gap.search.beginnings import beginning
 from wakedeploy.gap.search.comparison import Comparison, errors, searched_on
 from wakedeploy.gap.search.extent import is_steady, profiled
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
-from wakedeploy.gap.search.scan import elaborates, ranked, simpler
+from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
 from wakedeploy.gap.search.weighing import (
     Weight,
@@ -95,18 +96,45 @@ def fitted_base(model: Comparison) -> Fit:
 def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     """Effects one after another, as long as one is evident and matters.
 
-    Long recordings are searched in part; sizes and sealed episodes are those of all.
+    Long recordings are searched in part; sizes and sealed episodes are those of all. Where the
+    answer explains too little, the effects are begun anew; one that explains more is taken.
     """
     part = searched_on(model)
     begun = base
     if part is not model:
         begun = settled(part, fit(part, (), base.episodes, base.theta))[0]
-    outcome = Named(begun, begun, [])
+    outcome = _searched(model, base, Named(begun, begun, []), progress)
+    is_unknown = verdict_of(outcome) == "unknown"
+    if not is_unknown and not is_outdone(model, outcome.found):
+        return outcome
+    stage = "beginning effects anew"
+    anew = begun_anew(part, begun, list(part.effects), functools.partial(progress, stage))
+    if not anew:
+        return outcome
+    better = bettered(part, begun, anew.values())
+    if better is not begun:
+        base = better if part is model else bettered(model, base, [better])
+    again = _searched(model, base, Named(better, better, []), progress, anew)
+    if verdict_of(again) not in ("named", "class"):
+        return outcome
+    gained = weight_of(crossed(model, outcome.found), crossed(model, again.found))
+    return again if is_unknown or gained.low > 0.0 else outcome
+
+
+def _searched(
+    model: Comparison,
+    base: Fit,
+    outcome: Named,
+    progress: Progress,
+    anew: Mapping[str, Fit] = NOTHING,
+) -> Named:
+    """What is named on top of a base, candidates beginning there or where `anew` has them."""
+    part = searched_on(model)
     while len(outcome.found.hypothesis) < RULES.most_effects:
-        further = _round(part, outcome, progress)
+        further = _round(part, outcome, progress, anew)
         if further is None:
             break
-        outcome = further
+        outcome, anew = further, {}
     outcome = _still_needed(part, outcome)
     if part is not model:
         progress("fitting what was found to all samples")
@@ -129,10 +157,12 @@ def _on_all(model: Comparison, base: Fit, outcome: Named) -> Named:
     return replace(outcome, base=base, found=found, unsettled=unsettled)
 
 
-def _round(model: Comparison, outcome: Named, progress: Progress) -> Named | None:
+def _round(
+    model: Comparison, outcome: Named, progress: Progress, anew: Mapping[str, Fit] = NOTHING
+) -> Named | None:
     """What was named with one more effect, or a pair; None where there is none."""
     found = outcome.found
-    verdicts = _judged_round(model, outcome, found, progress)
+    verdicts = _judged_round(model, outcome, found, progress, anew)
     if not outcome.alone:
         outcome = replace(outcome, alone=tuple(v.candidate for v in verdicts))
     best = _best(model, found, verdicts)
@@ -145,14 +175,19 @@ def _round(model: Comparison, outcome: Named, progress: Progress) -> Named | Non
 
 
 def _judged_round(
-    model: Comparison, outcome: Named, found: Fit, progress: Progress
+    model: Comparison,
+    outcome: Named,
+    found: Fit,
+    progress: Progress,
+    anew: Mapping[str, Fit] = NOTHING,
 ) -> list[Verdict]:
     """Every candidate on top of a fit, best first, judged; written into the rounds."""
     untried = [n for n in model.effects if n not in found.hypothesis]
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
     stage = f"ranking effects{beside}"
     progress(stage)
-    ranking, chance = ranked(model, found, untried, functools.partial(progress, stage))
+    counted = functools.partial(progress, stage)
+    ranking, chance = ranked(model, found, untried, counted, anew)
     before = crossed(model, found)
     verdicts = [_judged(model, before, effect, chance) for effect in ranking[:_TRIED]]
     verdicts += [Verdict(effect, "") for effect in ranking[_TRIED:]]

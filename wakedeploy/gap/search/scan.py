@@ -24,6 +24,7 @@ _AT_ONCE = 25
 WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
 _LOUDEST = 6.0  # sd of an innovation that counts in full
 _TURNED = 50  # samples of a block whose sign chance turns, at least
+NOTHING: Mapping[str, Fit] = {}
 _SIMPLER_KINDS = {
     "pre-sliding-friction": ("coulomb-friction",),
     "stribeck-friction": ("coulomb-friction",),
@@ -34,9 +35,16 @@ _SIMPLER_KINDS = {
 
 
 def ranked(
-    model: Comparison, base: Fit, names: Sequence[str], steps: Steps = uncounted
+    model: Comparison,
+    base: Fit,
+    names: Sequence[str],
+    steps: Steps = uncounted,
+    known: Mapping[str, Fit] = NOTHING,
 ) -> tuple[list[Candidate], float]:
-    """Candidates on top of `base`, best first, and the gain that chance brings [nats]."""
+    """Candidates on top of `base`, best first, and the gain that chance brings [nats].
+
+    `known` are fits of some that began elsewhere.
+    """
     ground, total = Ground.of(base), len(names) + CLIMBED
     seen_all = looks(model, ground, names, lambda done, _: steps(done, total))
     order = sorted(seen_all, key=lambda seen: -seen.prospect(base))
@@ -48,6 +56,7 @@ def ranked(
     fitted = {seen.name: seen.fit for seen in order}
     fitted |= {seen.name: raced_fit for seen, raced_fit in zip(chosen, fits, strict=True)}
     ends = {chosen[i].name: f for i, f in finished(model, base, starts, fits).items()}
+    ends |= {n: f for n, f in known.items() if f.objective > ends.get(n, fitted[n]).objective}
     ends |= _lookalikes(model, ground, order, fitted, ends)
     fitted |= ends
     steps(total, total)

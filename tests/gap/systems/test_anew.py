@@ -1,0 +1,87 @@
+"""Candidates begun anew: constants that nobody measured have bent to what a system lacks."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.search.anew import begun_anew, bettered
+from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.search.scan import ranked
+from wakedeploy.gap.systems.logs import LogModel
+
+RATE = 50.0
+INF = float("inf")
+LAG = "lag@drive_v"
+
+
+class Belt(System):
+    """A belt over a sprung pulley; its sensor cannot tell the direction."""
+
+    rate_hz = RATE
+    inputs: ClassVar = [Input("drive_v", "V")]
+    states: ClassVar = {"speed_v": "V", "slope_v_per_s": "V/s"}
+    outputs: ClassVar = [Output("reading_v", "V", noise=0.03)]
+    constants: ClassVar = [
+        Constant("stiffness", 60.0, spread=INF),
+        Constant("damping", 5.0, spread=INF),
+        Constant("gain", 2.0, spread=INF),
+    ]
+    ports: ClassVar = [
+        Port.input("drive_v", kinds=["lag", "gain"]),
+        Port.output("reading_v", kinds=["sensor-bias"]),
+    ]
+
+    def start(self, measured):
+        return {"speed_v": measured.reading_v}
+
+    def derivative(self, state, inputs, c):
+        pull = c.gain * inputs.drive_v - state.speed_v
+        slope = c.stiffness * pull - c.damping * state.slope_v_per_s
+        return {"speed_v": state.slope_v_per_s, "slope_v_per_s": slope}
+
+    def measure(self, state, inputs, c):
+        return {"reading_v": np.abs(state.speed_v)}
+
+
+def driven(seconds=10.0, lag_s=0.16):
+    """A belt of other constants behind a motor that lags, in fine steps."""
+    rng = np.random.default_rng(5)
+    n, fine = int(seconds * RATE), 20
+    held = np.repeat(rng.choice((-1.0, 1.0), n // 10 + 1), 10)[:n]
+    speed = slope = motor = 0.0
+    shown, step_s = np.empty(n), 1.0 / RATE / fine
+    for k in range(n):
+        shown[k] = abs(speed) + 0.03 * rng.standard_normal()
+        push = 20.0 * rng.standard_normal()
+        for _ in range(fine):
+            motor += (held[k] - motor) / lag_s * step_s
+            slope += (420.0 * (2.0 * motor - speed) - 4.5 * slope + push) * step_s
+            speed += slope * step_s
+    return Recording("belt", np.arange(n) / RATE, {"drive_v": held, "reading_v": shown})
+
+
+def test_an_effect_is_found_whose_lack_has_bent_the_constants():
+    model = LogModel(Belt(), [driven()])
+    base = fitted_base(model)
+    from_base = {c.name: c.gain_nats for c in ranked(model, base, list(model.effects))[0]}
+    anew = begun_anew(model, base, list(model.effects))
+    assert anew[LAG].objective - base.objective > from_base[LAG] + 50.0
+    assert anew[LAG].value(f"{LAG}.tau_s") == pytest.approx(0.16, abs=0.03)
+    assert bettered(model, base, anew.values()).objective >= base.objective
+    first = ranked(model, base, list(model.effects), known=anew)[0][0]
+    assert first.name == LAG
+
+
+def test_constants_that_were_measured_need_no_second_beginning():
+    class Known(Belt):
+        constants: ClassVar = [
+            Constant("stiffness", 420.0, 10.0),
+            Constant("damping", 4.5, 0.2),
+            Constant("gain", 2.0, 0.05),
+        ]
+
+    model = LogModel(Known(), [driven(4.0)])
+    assert begun_anew(model, fitted_base(model), list(model.effects)) == {}
