@@ -125,7 +125,7 @@ def _certainty(result: Result) -> str:
         return "Not at all before those constants and units are right."
     if result.verdict == "none":
         return "Where nothing is missing, one search in twenty names something; this one did not."
-    beyond = "Chance alone brings as much in less than one search of twenty."
+    beyond = "Where nothing is missing, fewer than one search in twenty finds something this clear."
     if result.is_outdone:
         return "It rests on forecasts of all blocks that were fitted, not on a search."
     if result.verdict == "unknown":
