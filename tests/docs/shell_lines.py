@@ -79,6 +79,8 @@ OTHERS = {
     "pytest": "is the test suite itself",
     "cat": "shows a file that the line before it wrote",
     "head": "shows a file that the line before it wrote",
+    "tail": "shows a file that the line before it wrote",
+    "grep": "shows a file that the line before it wrote",
     "make": "installs, measures or takes minutes: `make --dry-run` reads it",
     "python": "measures for hours or changes the checkout: its options are read",
 }

@@ -43,7 +43,7 @@ def test_every_line_is_run_or_read_and_every_reason_is_needed() -> None:
 
 def test_every_block_says_what_it_is() -> None:
     words = {word for page in PAGES for word, *_ in fences(page)}
-    assert words <= {"sh", "toml", "ini", "python", "text", "{made}", "{eval-rst}"}
+    assert words <= {"sh", "toml", "ini", "xml", "python", "text", "{made}", "{eval-rst}"}
 
 
 def of(page: Path, *beginnings: str) -> list[Line]:
