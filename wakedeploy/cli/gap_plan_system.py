@@ -47,7 +47,8 @@ def run_plan(
                     lambda done, of: progress("trying inputs", done, of))  # fmt: skip
     _tell(made)
     if json_path is not None:
-        write_json(json_path, {"names": made.names, "logged_nats": made.logged_nats,
+        best = None if made.best is None else _row(made.best)
+        write_json(json_path, {"names": made.names, "logged_nats": made.logged_nats, "best": best,
                                "options": [_row(o) for o in made.options]})  # fmt: skip
     if input_path is not None:
         _write_input(input_path, model, made)
@@ -149,18 +150,13 @@ def _tell(made: "Plan") -> None:
     if len(made.names) == 1:
         title = f"Nats that {made.names[0]} gains in one log"
     print_table(title, ["input", "moves", "of its limits", "s", "nats", "logs", ""], rows)
-    best = made.options[0] if made.options else None
-    if best is None or best.logs is None:
+    best = made.best
+    if best is None:
+        richest = max((option.nats for option in made.options), default=0.0)
         click.echo(
-            "No input of the menu tells enough within the limits; widen them, or add a sensor."
-        )
-        return
-    if best.nats < made.logged_nats:
-        click.echo(
-            f"No input of the menu tells more than the present logs do: {best.nats:.3g} nats in "
-            f"{best.seconds:.0f} s at best, where as much of them has {made.logged_nats:.3g}. "
-            "Recording it would not help; check columns and units, widen the limits, or add a "
-            "sensor."
+            f"Record none of these: the best tells {richest:.3g} nats in one log, and as much of "
+            f"the present logs has {made.logged_nats:.3g}. If those do not decide it, such a log "
+            "hardly will. Check columns and units, widen the limits, or add a sensor."
         )
         return
     click.echo(
@@ -173,10 +169,9 @@ def _write_input(path: Path, model: "LogModel", made: "Plan") -> None:
     """The best input as CSV, to be played to the system."""
     import numpy as np
 
-    best_of_all = made.options[0] if made.options else None
-    if best_of_all is None or best_of_all.logs is None or best_of_all.nats < made.logged_nats:
-        raise CheckFailed(f"{path}: not written, for no input tells enough.")
-    best = made.options[0].columns
+    if made.best is None:
+        raise CheckFailed(f"{path}: not written, for no input is worth recording.")
+    best = made.best.columns
     names = [i.name for i in model.system.inputs]
     time_s = model.dt_s * np.arange(len(best[names[0]]))
     table = np.column_stack([time_s, *(best[n] for n in names)])

@@ -92,7 +92,7 @@ class DotChart:
     @property
     def limit_at(self) -> float | None:
         """Where the dashed line is."""
-        return None if math.isnan(self.limit) else self.across(self.limit)
+        return self.across(self.limit) if math.isfinite(self.limit) else None
 
     @property
     def limit_anchor(self) -> str:
@@ -118,8 +118,8 @@ class DotChart:
         return round(self.x_left + (self.x_right - self.x_left) * share, 1)
 
     def _row(self, y: float, dot: Dot) -> Row:
-        x = None if math.isnan(dot.value) else self.across(dot.value)
-        has_ends = not math.isnan(dot.low + dot.high)
+        x = self.across(dot.value) if math.isfinite(dot.value) else None
+        has_ends = math.isfinite(dot.low + dot.high)
         ends = (self.across(dot.low), self.across(dot.high)) if has_ends else None
         taken = [place for place in (x, *(ends or ())) if place is not None] or [self.across(0.0)]
         behind = max(taken) + _BESIDE
@@ -144,7 +144,7 @@ class DotChart:
     def _range(self) -> tuple[float, float]:
         """All that is drawn, and zero."""
         every = [self.limit, *(v for dot in self.dots for v in (dot.value, dot.low, dot.high))]
-        known = [value for value in every if not math.isnan(value)]
+        known = [value for value in every if math.isfinite(value)]
         low, high = min(0.0, *known, 0.0), max(0.0, *known, 0.0)
         return (low, high) if high > low else (-1.0, 1.0)
 

@@ -201,7 +201,7 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
     "mps": "m/s", "mps2": "m/s²", "radps": "rad/s", "radps2": "rad/s²", "mm": "mm", "mv": "mV",
     "ma": "mA", "us": "us", "ms": "ms", "um": "um",
 }  # fmt: skip
-_ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "percent": "%"}  # alone, `arm_a` is no current
+_ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s"}  # alone, `arm_a` is no current
 
 
 def unit_at_end(name: str) -> str | None:

@@ -61,7 +61,8 @@ def concluded(model: Comparison, progress: Progress = quiet) -> Result:
     base = fitted_base(model)
     found = found_in(model, base)
     outcome = named(model, base, progress)
-    return joined(found, answer_of(model, outcome), before_after(model, base, outcome.found))
+    shown = before_after(model, outcome.base, outcome.found)
+    return joined(found, answer_of(model, outcome), shown)
 
 
 class Folder:
@@ -101,7 +102,8 @@ class Folder:
     def show(self) -> Result:
         """The gap before and after, with all that was told before it: domain.json."""
         self.progress("forecasting what was sealed")
-        shown = before_after(self.model, self.base(), self.found(), self.key, self.forecast_s)
+        base = self._fit("name.json", (), self.name().base_theta)
+        shown = before_after(self.model, base, self.found(), self.key, self.forecast_s)
         result = joined(self.find(), self.name(), shown)
         result.write(self.out / "domain.json")
         return result

@@ -293,7 +293,7 @@ def test_flights_of_px4_at_one_rate(name: str) -> None:
         stamps = data["timestamp"] - start
         newest = [data[field][stamps <= round(t * 1e6)][-1] for t in one.time_s]
         old_s = [t - stamps[stamps <= round(t * 1e6)][-1] / 1e6 for t in one.time_s]
-        silent_s = 3.0 * np.quantile(np.diff(stamps), 0.95) / 1e6
+        silent_s = 3.0 * np.median(np.diff(stamps)) / 1e6  # here the step of half of the time
         expected = np.where(np.array(old_s) > silent_s, np.nan, np.array(newest, dtype=float))
         assert np.array_equal(one.columns[column_name], expected, equal_nan=True)
     assert one.rate_hz == pytest.approx(50.0)
@@ -306,7 +306,7 @@ def test_motor_stands_with_dates_and_with_columns_of_their_own_pace() -> None:
     (one,) = read(motor / "f40_steps_5-2.csv.gz", dates)
     assert one.time_s[0] == pytest.approx(0.947)  # after the first whole second
     assert np.nanmax(one.columns["w"]) == pytest.approx(16050 * math.pi / 30, rel=0.01)
-    assert 0 < np.isnan(one.columns["w"]).sum() < 30  # it was silent for up to 0.18 s
+    assert 0 < np.isnan(one.columns["w"]).mean() < 0.01  # it was silent for up to 0.18 s
     stand = '[time]\ncolumn = "Time (s)"\nfalling = "sort"\n[resample]\nrate_hz = 100\n'
     with pytest.raises(UnusableInput, match=r"'ESC signal .µs.' has no number in any row"):
         read(motor / STAND, stand + column("pulse", "ESC signal (µs)", "µs", missing='"hold"'))
@@ -314,4 +314,20 @@ def test_motor_stands_with_dates_and_with_columns_of_their_own_pace() -> None:
     stand += column("thrust", "Thrust (gf)", "gf", missing='"hold"')
     (one,) = read(motor / STAND, stand)
     assert one.rate_hz == pytest.approx(100.0)
-    assert one.columns["thrust"].max() == pytest.approx(861.8 * 9.80665e-3, rel=1e-3)
+    assert np.nanmax(one.columns["thrust"]) == pytest.approx(861.8 * 9.80665e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("is_there", "says"),
+    [
+        (lambda k: k % 2 == 0, "hold"),  # of a clock half as fast
+        (lambda k: k % 3 != 0, "hold"),
+        (lambda k: not 100 <= k < 130, "split"),  # lost for a while
+        (lambda k: k != 77, "split"),
+    ],
+)
+def test_a_guess_tells_a_slower_clock_from_samples_that_are_lost(is_there, says, tmp_path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{k / 100},{k if is_there(k) else ''}" for k in range(300)]
+    path.write_text("\n".join(["time_s,w_rad", *rows]) + "\n")
+    assert f'missing = "{says}"' in guess_columns(path)

@@ -1,6 +1,7 @@
 """Logs with gaps, doubles, blanks and clocks of their own: handled and said, or refused by name."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,12 @@ def test_a_unit_of_another_dimension_is_refused(
 
 @pytest.mark.parametrize(
     ("role", "is_measured"),
-    [("output", False), ("input", True), ('["output", "observation"]', True)],
+    [
+        ("output", False),
+        ('["output"]', False),
+        ("input", True),
+        ('["output", "observation"]', True),
+    ],
 )
 def test_what_a_silent_sensor_said_last_is_not_measured_again(
     role: str, is_measured: bool, tmp_path: Path
@@ -113,6 +119,26 @@ def test_a_unit_that_the_column_s_name_contradicts_is_said(tmp_path: Path) -> No
     assert "its name says mm" in reading(path, text.replace('"V"', '"m"')).notes[0]
     assert not reading(path, text.replace('"V"', '"mm"')).notes
     assert not reading(path, text).notes  # of another dimension: the name is no unit
+    scaled = text.replace('"V"', '"m"') + "scale = 0.001\n"
+    assert not reading(path, scaled).notes  # a factor of one's own
+
+
+def test_one_lost_sample_splits_a_log_in_two_as_advised(tmp_path: Path) -> None:
+    """Stamps in whole milliseconds; whichever sample is lost, the advice makes two recordings."""
+    for lost in range(100, 120):
+        stamps = [round(k / 100, 3) for k in range(400) if k != lost]
+        path = write(tmp_path / "log.csv", stamps, stamps)
+        with pytest.raises(UnusableInput) as told:
+            one(path, BASE + U)
+        (gap_s,) = re.findall(r"\[split\] gap_s = ([\d.]+)", str(told.value))
+        assert len(reading(path, BASE + f"[split]\ngap_s = {gap_s}\n" + U).recordings) == 2
+
+
+def test_a_sensor_that_sends_in_bursts_is_not_silent(tmp_path: Path) -> None:
+    stamps = [0.32 * burst + 0.0005 * k for burst in range(20) for k in range(32)]
+    path = write(tmp_path / "log.csv", stamps, stamps)
+    text = BASE + U.replace('"input"', '"output"') + "[resample]\nrate_hz = 100\n"
+    assert np.isfinite(one(path, text).columns["u"]).all()
 
 
 @pytest.mark.parametrize(
@@ -122,13 +148,18 @@ def test_a_unit_that_the_column_s_name_contradicts_is_said(tmp_path: Path) -> No
 def test_a_name_does_not_say_another_unit_than_its_numbers_have(
     name: str, to: str, is_refused: bool, tmp_path: Path
 ) -> None:
-    text = BASE + U.replace("columns.u", f"columns.{name}") + f'to = "{to}"\n'
+    text = BASE + U.replace("columns.u", f"columns.{name}")
+    path = write(tmp_path / "log.csv", tenths(3), [1.5] * 3)
     if is_refused:
-        with pytest.raises(UnusableInput, match="u_v becomes mV, but its name says V"):
-            parse_columns(text)
+        with pytest.raises(UnusableInput, match="becomes mV, but the name says V; delete the line"):
+            one(path, text + f'to = "{to}"\n')
     else:
-        path = write(tmp_path / "log.csv", tenths(3), [1.5] * 3)
-        assert one(path, text).columns[name][0] == (1500.0 if to == "mV" else 1.5)
+        number = one(path, text + f'to = "{to}"\n').columns[name][0]
+        assert number == (1500.0 if to == "mV" else 1.5)
+    if name == "u_mv":  # without `to` it would be volts; where a system asks, its unit counts
+        with pytest.raises(UnusableInput, match='the name says mV; give to = "mV", or rename it'):
+            one(path, text)
+        assert one(path, text, u_mv="mV").columns[name][0] == 1500.0
 
 
 @pytest.mark.parametrize(

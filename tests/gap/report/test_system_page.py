@@ -173,6 +173,16 @@ def test_what_is_sure_stands_before_a_class(tmp_path) -> None:
     assert "lacks dry friction that acts on speed_mps" in read(both, tmp_path)[1]
 
 
+@pytest.mark.parametrize("verdict", ["named", "none", "unknown"])
+def test_a_constant_that_was_moved_far_comes_before_any_answer(verdict: str) -> None:
+    told = result(moved={"mass_kg": 5.2, "push_n_per_v": -7.4}, verdict=verdict)
+    first, second, *_ = screen = first_screen(told)
+    assert "moved mass_kg by 5 and push_n_per_v by 7 of the spreads" in first
+    assert sum("search moved" in line for line in screen) == 1
+    assert second == first_screen(result(verdict=verdict))[0]
+    assert "Not before constants and units" in screen[3]
+
+
 def test_every_kind_says_what_it_is_at_its_port() -> None:
     for kind in (kind for kinds in KINDS_BY_ROLE.values() for kind in kinds):
         between = "-from-u" if "other" in kind.needs else ""

@@ -1,5 +1,6 @@
 """Candidates begun anew: constants that nobody measured have bent to what a system lacks."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -7,10 +8,14 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.search.anew import begun_anew, bettered
-from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap import workflow
+from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.search.anew import begun_anew
+from wakedeploy.gap.search.comparison import errors
+from wakedeploy.gap.search.judging import Named, fitted_base
 from wakedeploy.gap.search.scan import ranked
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.own_folder import OwnFolder
 
 RATE = 50.0
 INF = float("inf")
@@ -70,7 +75,6 @@ def test_an_effect_is_found_whose_lack_has_bent_the_constants():
     anew = begun_anew(model, base, list(model.effects))
     assert anew[LAG].objective - base.objective > from_base[LAG] + 50.0
     assert anew[LAG].value(f"{LAG}.tau_s") == pytest.approx(0.16, abs=0.03)
-    assert bettered(model, base, anew.values()).objective >= base.objective
     first = ranked(model, base, list(model.effects), known=anew)[0][0]
     assert first.name == LAG
 
@@ -85,3 +89,21 @@ def test_constants_that_were_measured_need_no_second_beginning():
 
     model = LogModel(Known(), [driven(4.0)])
     assert begun_anew(model, fitted_base(model), list(model.effects)) == {}
+
+
+def test_the_gap_before_is_that_of_the_base_from_which_effects_were_found(tmp_path, monkeypatch):
+    """`find` fitted a worse one; what that had left to rise is no effect's merit."""
+    model = LogModel(Belt(), [driven(4.0)])
+
+    def better(model, base, progress):
+        moved = np.array([0.1 if f.name == "constant.gain" else 0.0 for f in base.free])
+        found.append(fit(model, (), base.episodes, base.theta + moved))
+        found[-1] = replace(found[-1], theta=base.theta + moved)
+        return Named(found[-1], found[-1], [])
+
+    found: list = []
+    monkeypatch.setattr(workflow, "named", better)
+    shown = OwnFolder(model, tmp_path).show()
+    before = errors(model, found[-1], model.sealed())
+    assert shown.gap["reading_v"].before == pytest.approx(before[0], rel=1e-6)
+    assert before[0] != pytest.approx(errors(model, fitted_base(model), model.sealed())[0])

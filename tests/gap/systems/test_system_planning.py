@@ -15,7 +15,8 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import extended, fit
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.planning.plan import plan
+from wakedeploy.gap.systems.planning.excitation import MENU
+from wakedeploy.gap.systems.planning.plan import Option, Plan, plan
 from wakedeploy.gap.systems.planning.power import power
 
 RATE = 50.0
@@ -132,3 +133,18 @@ def test_sizes_come_from_a_whole_answer_of_the_same_system(model, tmp_path) -> N
         assert str(error.value).startswith(f"{tmp_path / 'name.json'}: ")
         assert says in str(error.value)
         assert "run `wakedeploy gap name` anew" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("nats", "logged_nats", "is_worth_it"),
+    [
+        (8.0, 0.5, True),  # more than the present logs
+        (0.02, 0.1, False),  # less, and hundreds of such logs would be needed
+        (50.0, 60.0, True),  # less, and one such log decides it
+        (0.0, 0.0, False),  # no number of logs is enough
+    ],
+)
+def test_an_input_is_recommended_only_if_it_helps(nats, logged_nats, is_worth_it):
+    option = Option(MENU[0], ("force_n",), 1.0, 6.0, nats, {})
+    assert (Plan((LAG, DEAD_TIME), (option,), logged_nats).best is option) == is_worth_it
+    assert Plan((LAG,), (), logged_nats).best is None

@@ -14,7 +14,6 @@ from pydantic import Field, StringConstraints
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import text_of, toml_of
-from wakedeploy.core.units import conversion, unit_at_end
 from wakedeploy.core.validation import first_problem
 
 VERSION = 1
@@ -177,18 +176,6 @@ class Columns(_Table):
         """The columns that have a role."""
         return {n: c for n, c in self.columns.items() if set(c.roles) - {"unused"}}
 
-    @pydantic.model_validator(mode="after")
-    def _named_by_its_unit(self) -> "Columns":
-        """A number in millivolts is not called `motor_v`: Python code would take it for volts."""
-        for name, column in self.used.items():
-            named = unit_at_end(name)
-            if column.to and named and _are_alike_but_in_size(column.to, named):
-                raise ValueError(
-                    f"columns.{name} becomes {column.to}, but its name says {named}; delete "
-                    "the line `to`, or rename it"
-                )
-        return self
-
     def with_role(self, *roles: Role) -> dict[str, Column]:
         """The columns that have one of these roles."""
         return {n: c for n, c in self.columns.items() if set(c.roles) & set(roles)}
@@ -228,13 +215,6 @@ def parse_columns(text: str, name: str = "columns.toml") -> Columns:
         roles = "input, output, observation or force"
         raise UnusableInput(f"{name}: no column has a role yet; give some the role {roles}.")
     return read
-
-
-def _are_alike_but_in_size(given: str, named: str) -> bool:
-    try:
-        return conversion(given, named) != 1
-    except ValueError:
-        return False
 
 
 def _clause(problem: str) -> str:

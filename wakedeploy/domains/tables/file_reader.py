@@ -65,6 +65,8 @@ class Wanted:
         try:
             self.unit = unit or column.to or si_unit(column.unit)
             self._factor = conversion(column.unit, self.unit)
+            if unit is None:
+                _require_honest_name(name, column, self.unit)
             if is_angular(column.unit) != is_angular(self.unit) and self._factor != 1:
                 raise ValueError(
                     f"{column.unit!r} counts angle and {self.unit!r} does not, or the other way"
@@ -85,7 +87,7 @@ class Wanted:
     @property
     def advice_on_missing(self) -> str:
         """What to do where a sample has no number; what is held counts as measured."""
-        if self.column.role == "output":
+        if set(self.column.roles) == {"output"}:
             what = 'missing = "nan", which ignores it, or "split", which ends the recording there'
         else:
             what = 'missing = "split", or "hold" for what is written only when it changes'
@@ -365,7 +367,9 @@ class FileReader:
         if silent is not None:
             length_s = stamps_s[silent] - stamps_s[silent - 1]
             reason = f"is silent for {length_s:.3g} s from {stamps_s[silent - 1]:.6g} s on"
-            advice = f"give [split] gap_s, or event = true in [columns.{column.wanted.name}]"
+            advice = "give [split] gap_s"
+            if set(column.wanted.column.roles) != {"output"}:
+                advice += f", or event = true in [columns.{column.wanted.name}]"
             raise column.place.refused(reason, advice)
         stretches = covered(stamps_s, is_good, gap_s)
         if missing == "hold" and stretches and gap_s is None:  # up to the last row
@@ -416,9 +420,9 @@ class FileReader:
     def _advice_on_steps(self, step_s: float, usual_s: float) -> str:
         """Samples that are lost end a recording; a clock that is never even needs a rate."""
         resample = "[resample] rate_hz where the clock is never even"
-        if step_s < 2.0 * usual_s:
+        if step_s < 1.6 * usual_s:
             return f"give {resample}"
-        gap_s = f"{min(10.0 * usual_s, 0.7 * step_s):.1g}"
+        gap_s = f"{min(10.0 * usual_s, 0.5 * (usual_s + step_s)):.2g}"
         now_s = self.columns.split.gap_s
         now = "" if now_s is None else f" (the one given, {now_s:g}, is longer)"
         return f"where samples are lost give [split] gap_s = {gap_s}{now}; {resample}"
@@ -465,17 +469,37 @@ class FileReader:
         is_stale = stale(stamps_s, ticks_s)
         if column.is_event or not is_stale.any():
             return values
-        count = f"silent for {float(np.diff(stamps_s).max()):.3g} s and less"
-        if column.wanted.column.role != "output":
+        first, last = np.searchsorted(stamps_s, (ticks_s[0], ticks_s[-1]))
+        inside_s = np.diff(stamps_s[max(int(first) - 1, 0) : int(last) + 1])
+        silent_s = float(inside_s.max(initial=0.0))
+        count = f"silent for {silent_s:.3g} s and less"
+        if set(column.wanted.column.roles) != {"output"}:
             self._tell(column.place, f"{count}; the last sample is held")
             return values
         self._tell(column.place, f"{count}; these {int(is_stale.sum())} samples are not measured")
         return np.where(is_stale, np.nan, values)
 
 
+def _require_honest_name(name: str, column: Column, unit: str) -> None:
+    """A number in millivolts is not called `motor_v`: Python code would take it for volts.
+
+    Raises ValueError with a clause. Where a system asks for a unit of its own, that one counts.
+    """
+    named = unit_at_end(name)
+    try:
+        differs = named is not None and conversion(unit, named) != 1
+    except ValueError:  # of another dimension: the end of the name is no unit
+        return
+    if differs:
+        advice = "delete the line `to`" if column.to else f'give to = "{named}"'
+        raise ValueError(f"becomes {unit}, but the name says {named}; {advice}, or rename it")
+
+
 def _doubted(column: Column) -> str:
     """What speaks against a column's unit: another one of the same dimension in its name."""
-    named = unit_at_end(column.column.lower())
+    named = unit_at_end(column.column.partition("[")[0].lower())
+    if (column.scale, column.offset) != (1.0, 0.0):
+        return ""
     try:
         differs = named is not None and conversion(column.unit, named) != 1
     except ValueError:

@@ -30,7 +30,7 @@ from wakedeploy.domains.tables.stamps import (
 Vector = NDArray[np.float64]
 
 _MOST_COLUMNS = 400
-_SELDOM = 0.5  # of the samples with a number: fewer are written only when they change
+_SHORT_RUN = 2.0  # rows with a number; longer runs are of one clock, with samples that are lost
 _LATEST_S = 1e12
 _LIKELY_HZ = (0.05, 50_000.0)
 _TIME_NAMES = (
@@ -358,10 +358,17 @@ def _entry(file: str, field: Field, values: Values, taken: set[str]) -> Iterator
     yield f"unit = {_toml(unit)}{remark}"
     if unit != si_unit(unit) and field.name.lower().endswith(f"_{unit.lower()}"):
         yield f"to = {_toml(unit)}  # as its name says"
-    if len(there) < _SELDOM * len(numbers):
-        yield 'missing = "hold"  # ? written only when it changes'
-    elif len(there) < len(numbers):
-        yield 'missing = "split"  # ? some samples have no number; "nan" ignores those of a sensor'
+    if len(there) < len(numbers):
+        if _usual_run(np.isfinite(numbers)) <= _SHORT_RUN:
+            yield 'missing = "hold"  # ? a number in some rows only; "nan" for a sensor'
+        else:
+            yield 'missing = "split"  # ? some samples have no number; "nan" for a sensor'
+
+
+def _usual_run(is_there: NDArray[np.bool_]) -> float:
+    """How many rows in a row usually have a number: one or two where clocks were merged."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]]).astype(int)))
+    return float(np.median(edges[1::2] - edges[::2]))
 
 
 def _range(there: Vector) -> str:

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 _NEAR = 0.25  # of a log's own step, by which its stamps may lie off the ticks to be one each
-_STALE_STEPS = 3.0  # of its own, after which a sensor's last sample says nothing of now …
-_USUAL = 0.95  # … of which so many are no longer: many logs have uneven ones
+_STALE_STEPS = 3.0  # usual ones, after which a sensor's last sample says nothing of now
 _FINER = 10.0  # times the cut-off, at which the filter runs at least
 _MOST_FINE = 64 << 20  # steps of the filter
 
@@ -40,11 +39,19 @@ def held(stamps_s: Vector, values: Vector, ticks_s: Vector) -> Vector:
 
 
 def stale(stamps_s: Vector, ticks_s: Vector) -> NDArray[np.bool_]:
-    """Ticks (m,) whose newest sample is older than some of the log's own longer steps."""
+    """Ticks (m,) whose newest sample is older than some of the log's usual steps."""
     newest = np.searchsorted(stamps_s, ticks_s, side="right") - 1
-    steps_s = np.diff(stamps_s)
-    bound_s = _STALE_STEPS * float(np.quantile(steps_s, _USUAL)) if len(steps_s) else np.inf
+    bound_s = _STALE_STEPS * _usual_step_s(np.diff(stamps_s))
     return np.asarray((newest >= 0) & (ticks_s - stamps_s[np.maximum(newest, 0)] > bound_s))
+
+
+def _usual_step_s(steps_s: Vector) -> float:
+    """The step [s] in which half of the time lies, or in shorter ones: that between bursts, too."""
+    in_order = np.sort(steps_s)
+    passed_s = np.cumsum(in_order)
+    if not len(steps_s):
+        return np.inf
+    return float(in_order[np.searchsorted(passed_s, 0.5 * passed_s[-1])])
 
 
 def low_passed(stamps_s: Vector, values: Vector, ticks_s: Vector, cutoff_hz: float) -> Vector:

@@ -288,6 +288,9 @@ class Disagreements(Artefact):
 class Answer(Artefact):
     """name.json: which effects the system lacks. `found_theta` is the fit with them.
 
+    `base_theta` is the fit without, from which they were found. It is not always that of find.json:
+    effects that are begun anew may show the way to a better one.
+
     `rivals` are the effects that cannot be told apart, `parameters` those of all that was named.
     `moved` are constants that the fit has moved by more than three of their spreads, and by how
     many. With `is_outdone` the system's forecasts are no better than the last reading or the mean.
@@ -308,6 +311,7 @@ class Answer(Artefact):
     placebo: Placebo | None = None
     is_outdone: bool = False
     found_theta: dict[str, Number] = {}
+    base_theta: dict[str, Number] = {}
 
 
 class BeforeAfter(Artefact):

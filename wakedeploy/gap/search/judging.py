@@ -97,7 +97,8 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     """Effects one after another, as long as one is evident and matters.
 
     Long recordings are searched in part; sizes and sealed episodes are those of all. Where the
-    answer explains too little, the effects are begun anew; one that explains more is taken.
+    answer explains too little, the effects are begun anew. What that names takes the place of an
+    unknown, and of names only if its forecasts are surely better.
     """
     part = searched_on(model)
     begun = base

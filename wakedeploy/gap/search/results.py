@@ -76,6 +76,7 @@ def answer_of(model: Comparison, outcome: Named, key: str = "") -> Answer:
         placebo=_placebo(model, outcome),
         is_outdone=outcome.is_outdone,
         found_theta=theta_of(outcome.found),
+        base_theta=theta_of(outcome.base),
     )
 
 

@@ -122,7 +122,7 @@ def _certainty(result: Result) -> str:
     """What the answer rests on."""
     fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
     if result.moved:
-        return "Not at all before those constants and units are right."
+        return "Not before constants and units are known to be right."
     if result.verdict == "none":
         return "Where nothing is missing, one search in twenty names something; this one did not."
     beyond = "Where nothing is missing, fewer than one search in twenty finds something this clear."
@@ -146,8 +146,8 @@ def next_step(result: Result) -> str:
     """What to do; the commands stand below."""
     if result.moved:
         return (
-            "Check those constants, and the units of columns.toml: `gap check` prints in which "
-            "range each column lies, in the system's unit."
+            "Check what was moved, and the units of columns.toml: `gap check` prints the range of "
+            "each column in the system's unit."
         )
     if result.verdict == "class":
         return (
@@ -167,10 +167,12 @@ def next_step(result: Result) -> str:
 
 
 def _moved(answer: Answer) -> list[str]:
+    if not answer.moved:
+        return []
+    each = [f"{name} by {abs(spreads):.0f}" for name, spreads in answer.moved.items()]
     return [
-        f"No answer yet: the logs ask for {name} {abs(spreads):.0f} of its spreads away from what "
-        "the system states. A unit may be wrong, its own or that of a column. With it as it is:"
-        for name, spreads in answer.moved.items()
+        f"Doubt what follows: to fit, the search moved {listed(each)} of the spreads that the "
+        "system states. A unit may be wrong, there or of a column."
     ]
 
 

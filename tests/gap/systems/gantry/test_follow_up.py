@@ -109,3 +109,9 @@ def test_a_log_that_is_gone_is_asked_for(tmp_path) -> None:
     fabricate(tmp_path, "class")
     with pytest.raises(UnusableInput, match=r"flight0\.mcap"):
         follow_up.what_is_open(tmp_path)
+
+
+def test_a_folder_of_a_users_system_is_told_what_to_do_instead(tmp_path) -> None:
+    (tmp_path / "domain.json").write_text("{}")
+    with pytest.raises(UnusableInput, match="ask `wakedeploy gap plan --system`"):
+        follow_up.what_is_open(tmp_path)

@@ -83,6 +83,8 @@ class MjcfSystem(System):
 
     def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
         """Rates (N, n) of states (N, n) under commands and forces (N, m) and constants (N, k)."""
+        if not len(x):
+            return np.empty_like(x)
         lost = ~((np.abs(x).max(1) < _FARTHEST) & (np.abs(u).max(1) < _STRONGEST))
         x, u = np.where(lost[:, None], 0.0, x), np.where(lost[:, None], 0.0, u)
         full = np.concatenate([np.zeros((len(x), 1)), x], axis=1)
@@ -108,9 +110,9 @@ class MjcfSystem(System):
         if len(self._models) > _MOST_MODELS:
             self._models.clear()
         rows = np.ascontiguousarray(constants)
-        every = rows.tobytes()
-        if every == self._latest[0]:  # a filter asks with the same ones at each of its samples
-            return self._latest[1]
+        every, (latest, models) = rows.tobytes(), self._latest
+        if every == latest:  # a filter asks with the same ones at each of its samples
+            return models
         models, known = [], self._models
         for row in rows:
             key = row.tobytes()

@@ -60,6 +60,17 @@ class Plan:
     options: tuple[Option, ...]
     logged_nats: float
 
+    @property
+    def best(self) -> Option | None:
+        """The input to record; None where none tells enough, or none more than the present logs.
+
+        One that tells enough in a single log is worth it in any case.
+        """
+        first = self.options[0] if self.options else None
+        if first is None or first.logs is None:
+            return None
+        return None if first.logs > 1 and first.nats < self.logged_nats else first
+
 
 def plan(
     model: LogModel,
