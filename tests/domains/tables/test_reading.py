@@ -151,13 +151,13 @@ def test_a_name_does_not_say_another_unit_than_its_numbers_have(
     text = BASE + U.replace("columns.u", f"columns.{name}")
     path = write(tmp_path / "log.csv", tenths(3), [1.5] * 3)
     if is_refused:
-        with pytest.raises(UnusableInput, match="becomes mV, but the name says V; delete the line"):
+        with pytest.raises(UnusableInput, match="becomes mV, but its name says V; delete the line"):
             one(path, text + f'to = "{to}"\n')
     else:
         number = one(path, text + f'to = "{to}"\n').columns[name][0]
         assert number == (1500.0 if to == "mV" else 1.5)
     if name == "u_mv":  # without `to` it would be volts; where a system asks, its unit counts
-        with pytest.raises(UnusableInput, match='the name says mV; give to = "mV", or rename it'):
+        with pytest.raises(UnusableInput, match='its name says mV; give to = "mV", or rename it'):
             one(path, text)
         assert one(path, text, u_mv="mV").columns[name][0] == 1500.0
 

@@ -60,13 +60,11 @@ class Wanted:
     """A column and the unit that its numbers shall be in."""
 
     def __init__(self, name: str, column: Column, unit: str | None, file: str) -> None:
-        self.name, self.column = name, column
+        self.name, self.column, self._file = name, column, file
         self.doubt = _doubted(column)
         try:
             self.unit = unit or column.to or si_unit(column.unit)
             self._factor = conversion(column.unit, self.unit)
-            if unit is None:
-                _require_honest_name(name, column, self.unit)
             if is_angular(column.unit) != is_angular(self.unit) and self._factor != 1:
                 raise ValueError(
                     f"{column.unit!r} counts angle and {self.unit!r} does not, or the other way"
@@ -74,6 +72,20 @@ class Wanted:
                 )
         except ValueError as error:
             raise UnusableInput(f"{file}: columns.{name}.unit: {error}.") from None
+
+    def require_honest_name(self) -> None:
+        """A number in millivolts is not called `motor_v`: Python code would take it for volts."""
+        named = unit_at_end(self.name)
+        try:
+            differs = named is not None and conversion(self.unit, named) != 1
+        except ValueError:  # of another dimension: the end of the name is no unit
+            return
+        if differs:
+            advice = "delete the line `to`" if self.column.to else f'give to = "{named}"'
+            raise UnusableInput(
+                f"{self._file}: columns.{self.name} becomes {self.unit}, but its name says "
+                f"{named}; {advice}, or rename it."
+            )
 
     def converted(self, values: Vector) -> Vector:
         """Numbers of the log in that unit."""
@@ -478,21 +490,6 @@ class FileReader:
             return values
         self._tell(column.place, f"{count}; these {int(is_stale.sum())} samples are not measured")
         return np.where(is_stale, np.nan, values)
-
-
-def _require_honest_name(name: str, column: Column, unit: str) -> None:
-    """A number in millivolts is not called `motor_v`: Python code would take it for volts.
-
-    Raises ValueError with a clause. Where a system asks for a unit of its own, that one counts.
-    """
-    named = unit_at_end(name)
-    try:
-        differs = named is not None and conversion(unit, named) != 1
-    except ValueError:  # of another dimension: the end of the name is no unit
-        return
-    if differs:
-        advice = "delete the line `to`" if column.to else f'give to = "{named}"'
-        raise ValueError(f"becomes {unit}, but the name says {named}; {advice}, or rename it")
 
 
 def _doubted(column: Column) -> str:

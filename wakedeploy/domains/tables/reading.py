@@ -58,6 +58,9 @@ def read_recordings(
         name: Wanted(name, c, (units or {}).get(name), columns.file)
         for name, c in columns.used.items()
     }
+    if not units:  # where a system asks, its units count
+        for column in wanted.values():
+            column.require_honest_name()
     pieces: dict[Path, tuple[Recording, ...]] = {}
     notes: list[str] = []
     names = _distinct([Path(path) for path in paths])
