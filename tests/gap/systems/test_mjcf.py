@@ -170,6 +170,10 @@ def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
         (ARM.replace("<option", '<size nuser_body="1000000000"/><option'), "size has nuser_body="),
         (ARM.replace("<worldbody>", '<worldbody><replicate count="100"><replicate count="100">'
                      '<site/></replicate></replicate>'), "more than 5000 elements"),
+        (ARM.replace("<worldbody>", '<worldbody><replicate count="1000000000"><site/></replicate>'),
+         "more than 5000 elements"),
+        (ARM.replace("<worldbody>", '<worldbody><replicate count="+99999"><site/></replicate>'),
+         "more than 5000 elements"),
         ("<!DOCTYPE mujoco [<!ENTITY a 'b'>]>" + ARM.strip(), "it declares a document type"),
         (_ALL_BUT_SENSORS.replace('axis="0 1 0"', 'type="ball"', 1),
          "joint 'shoulder' is free or a ball"),

@@ -15,6 +15,7 @@ from wakedeploy.core.files import text_of
 _LARGEST = 1e15  # in any unit, nothing that was measured is so large
 _LARGEST_COUNT = 1e5  # rows, pixels, samples, iterations: MuJoCo allocates or loops that often
 _MOST_ELEMENTS = 5000  # a humanoid has some hundred; ten thousand bodies take ten seconds
+_DIGITS = 9  # no count of elements has so many
 _COUNTS = frozenset({
     "nsample", "nrow", "ncol", "width", "height", "maxhullvert", "iterations", "ls_iterations",
     "noslip_iterations", "ccd_iterations", "sdf_iterations", "sdf_initpoints",
@@ -92,8 +93,14 @@ class _Reader:
 
 def _repeated(count: str) -> int:
     """How many elements a `count` stands for: 3, or 2·2·5 for a composite."""
-    numbers = [int(word) for word in count.split() if word.isdecimal() and len(word) < 10]
-    return max(1, math.prod(numbers))
+    return max(1, math.prod(_counted(word.removeprefix("+")) for word in count.split()))
+
+
+def _counted(digits: str) -> int:
+    """A word's number; of nine digits or more, simply too many. A word that is none counts once."""
+    if not digits.isdecimal():
+        return 1
+    return int(digits) if len(digits) < _DIGITS else 10**_DIGITS
 
 
 def _is_within(word: str, limit: float) -> bool:
