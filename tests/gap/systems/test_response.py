@@ -166,7 +166,8 @@ def test_steps_in_a_folder_tell_what_they_tell_without_one(bent, tmp_path, monke
     [
         ("find.json", lambda told: told | {"version": 0}, "version 0; this program reads 1"),
         ("find.json", lambda told: told | {"where": [{"low": "x"}]}, "where.0.channel is missing"),
-        ("find.json", lambda told: told | {"theta": {}}, "not the parameters of its fit"),
+        ("name.json", lambda told: told | {"base_theta": {}}, "not the parameters of its fit"),
+        ("name.json", lambda told: told | {"found_theta": {}}, "not the parameters of its fit"),
         ("name.json", lambda told: told | {"verdict": "perhaps"}, "verdict = 'perhaps'"),
         ("name.json", lambda told: told | {"effects": [], "x": 1}, "x is not known"),
     ],
@@ -181,3 +182,12 @@ def test_a_file_that_no_step_wrote_is_refused_in_a_sentence(bent, tmp_path, file
         Added(line, tmp_path, "k", 0.5).show()
     assert says in str(error.value)
     assert str(error.value).startswith(str(path))
+
+
+def test_a_search_does_not_begin_from_a_fit_without_its_parameters(bent, tmp_path):
+    line, result = bent
+    path = tmp_path / "find.json"
+    _left(result, Disagreements, path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"theta": {}}))
+    with pytest.raises(UnusableInput, match=r"find\.json: not the parameters of its fit"):
+        Added(line, tmp_path, "k", 0.5).name()
