@@ -93,7 +93,7 @@ def test_a_table_that_is_kept_names_runs_and_no_folder_of_the_machine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(records, "FOLDER", tmp_path)
-    rows = [{"run": "/home/me/here/runs/gantry/gru/s0"}, {"run": "runs/gantry/tcn/s0"}]
+    rows = [{"run": f"{tmp_path}/runs/gantry/gru/s0"}, {"run": "runs/gantry/tcn/s0"}]
     (tmp_path / "runs.json").write_text(json.dumps({"commit": "abc", "rows": rows}))
     keep.table(tmp_path / "runs.json", "training")
     kept = json.loads((tmp_path / "training.json").read_text())["rows"]

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wakedeploy.api.inputs import PathLike
+from wakedeploy.api.inputs import PathLike, warn_caller
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ def read_log(
 ) -> "tuple[Recording, ...]":
     """Read logs of any system as recordings.
 
+    What was noticed and handled, such as values that were held, comes as Python's warnings.
+
     Args:
         files: As for `import_table`.
         columns: What their columns mean, or the `columns.toml` that says so.
@@ -53,14 +55,17 @@ def read_log(
 
     Returns:
         A recording for each uninterrupted piece: `time_s` (T,) rises evenly, `columns` has arrays
-        (T,) by name, `rate_hz` is the samples a second.
+        (T,) by name, `rate_hz` is the samples a second. What was not measured is NaN.
 
     Raises:
         UnusableInput: Names file, column, row and reason.
     """
     from wakedeploy.domains.tables.reading import read_recordings
 
-    return read_recordings(_paths(files), _columns(columns), units).recordings
+    reading = read_recordings(_paths(files), _columns(columns), units)
+    for note in reading.notes:
+        warn_caller(note)
+    return reading.recordings
 
 
 def guess_columns(log: PathLike) -> str:

@@ -180,6 +180,9 @@ def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
         (ARM.replace('name="elbow" axis', "axis").replace('joint="elbow"', 'joint="shoulder"'),
          "a joint has no name"),
         (ARM.replace("{elbow}", 'delay="0.02" nsample="30"'), "actuator 'elbow' has a delay"),
+        (ARM.replace("{elbow}", 'nsample="30"'), "keeps more from step to step than positions"),
+        (ARM.replace('joint="shoulder"/><', 'joint="shoulder" nsample="4"/><'),
+         "take out `nsample` of actuators and sensors"),
     ],
 )  # fmt: skip
 def test_what_no_system_can_have_is_said_in_a_sentence(

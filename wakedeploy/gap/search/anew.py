@@ -34,11 +34,11 @@ _KEPT, _ENDED = 8, 4  # candidates that go on, and that are fitted to the end
 def begun_anew(
     model: Comparison, base: Fit, names: Sequence[str], steps: Steps = uncounted
 ) -> dict[str, Fit]:
-    """Fits of candidates on top of no other effect, of those that come out above the base.
+    """Fits of candidates that come out above the base, which has no effect yet.
 
     There are none where all constants were measured.
     """
-    if base.hypothesis or len(points_around(model, ())) == 0:
+    if len(points_around(model, ())) == 0:
         return {}
     running = {}
     for done, name in enumerate(names, 1):

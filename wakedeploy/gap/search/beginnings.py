@@ -22,9 +22,10 @@ _EVERY = 3  # of the episodes, one is enough to choose points by
 def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
     """Parameters (p,) of the system without effects to climb from."""
     free = model.free(())
-    start, points, some = neutral(free), points_around(model, ()), glanced_at(episodes)
+    start, points = neutral(free), points_around(model, ())
     if len(points) == 0:
         return start
+    some = tuple(episodes)[:: _EVERY if len(episodes) > _EVERY else 1]
     scores = scores_of(model, (), points, some)
     fits = [
         Fit(
@@ -37,11 +38,6 @@ def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
     if not better:
         return start
     return max(raced(model, fits[0], [fits[0], *better]), key=lambda f: f.objective).theta
-
-
-def glanced_at(episodes: Sequence[int]) -> tuple[int, ...]:
-    """Those by which points are chosen."""
-    return tuple(episodes)[:: _EVERY if len(episodes) > _EVERY else 1]
 
 
 def points_around(model: Comparison, hypothesis: tuple[str, ...]) -> FloatArray:

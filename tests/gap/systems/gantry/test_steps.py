@@ -173,8 +173,7 @@ def test_forgetting_takes_the_workflows_own_rig_file_and_no_other(tmp_path):
 
 def test_forgetting_leaves_what_is_not_the_steps_own(tmp_path):
     (tmp_path / "figures").mkdir()
-    former = "ranking"  # of versions that did not draw it in the page
-    own = [tmp_path / "figures" / f"{name}.png" for name in (*PICTURES, former)]
+    own = [tmp_path / "figures" / f"{name}.png" for name in PICTURES]
     others = [tmp_path / "figures" / name for name in ("power-separation.png", "my_photo.png")]
     for path in (*own, *others):
         path.write_bytes(b"picture")

@@ -32,7 +32,6 @@ PICTURES = (
     *("maps_exogenous", "maps_fed_back", "replay", "spectrum", "confusion"),
     *("before_after", "places", "forecasts", "placebo", "retraining"),
 )
-_FORMER_PICTURES = ("ranking",)  # of earlier versions; the page itself draws it now
 
 Kind = TypeVar("Kind", bound=Artefact)
 
@@ -189,8 +188,7 @@ def forget(folder: Path, first: str) -> None:
         (folder / "rig.toml").unlink()
     for step in stale:
         (folder / f"{step}.json").unlink(missing_ok=True)
-    every = PICTURES + _FORMER_PICTURES
-    for drawn in ((folder / "figures" / f"{name}.png") for name in every):
+    for drawn in ((folder / "figures" / f"{name}.png") for name in PICTURES):
         drawn.unlink(missing_ok=True)
     report = folder / "report.html"
     if report.is_file() and _wrote_report(report):

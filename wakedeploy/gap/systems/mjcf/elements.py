@@ -193,6 +193,12 @@ def _refuse_unfit(library: Any, path: Path, model: Any) -> None:
             )
         if model.actuator_plugin[i] >= 0:
             raise UnusableInput(f"{path}: actuator {name!r} is a plugin; use one of MuJoCo's own.")
+    carried = library.mj_stateSize(model, library.mjtState.mjSTATE_FULLPHYSICS)
+    if carried != 1 + model.nq + model.nv + model.na:
+        raise UnusableInput(
+            f"{path}: the model keeps more from step to step than positions, speeds and "
+            "activations; take out `nsample` of actuators and sensors, and plugins."
+        )
 
 
 def _joints(library: Any, path: Path, model: Any) -> tuple[Joint, ...]:
