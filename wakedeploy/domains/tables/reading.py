@@ -12,7 +12,8 @@ from pathlib import Path
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Columns
-from wakedeploy.domains.tables.file_reader import FileReader, Wanted
+from wakedeploy.domains.tables.file_reader import FileReader
+from wakedeploy.domains.tables.wanted import Wanted
 
 Progress = Callable[[int, int], None]
 

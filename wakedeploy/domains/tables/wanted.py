@@ -1,0 +1,82 @@
+"""A column that is wanted of a log: its unit there and here, and what to do where it has no number.
+
+In: an entry of `columns.toml`, and the unit that a system asks for. Out: numbers in that unit, and
+sentences about units and names that do not agree.
+"""
+
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.units import conversion, is_angular, si_unit, unit_at_end
+from wakedeploy.domains.tables.columns import Column
+
+Vector = NDArray[np.float64]
+
+
+class Wanted:
+    """A column and the unit that its numbers shall be in."""
+
+    def __init__(self, name: str, column: Column, unit: str | None, file: str) -> None:
+        self.name, self.column, self._file = name, column, file
+        self.doubt = _doubted(column)
+        try:
+            self.unit = unit or column.to or si_unit(column.unit)
+            self._factor = conversion(column.unit, self.unit)
+            if is_angular(column.unit) != is_angular(self.unit) and self._factor != 1:
+                raise ValueError(
+                    f"{column.unit!r} counts angle and {self.unit!r} does not, or the other way"
+                    " round; give both as rad/s, or both as Hz"
+                )
+        except ValueError as error:
+            raise UnusableInput(f"{file}: columns.{name}.unit: {error}.") from None
+
+    def require_honest_name(self) -> None:
+        """A number in millivolts is not called `motor_v`: Python code would take it for volts."""
+        named = unit_at_end(self.name)
+        try:
+            differs = named is not None and conversion(self.unit, named) != 1
+        except ValueError:  # of another dimension: the end of the name is no unit
+            return
+        if differs:
+            advice = "delete the line `to`" if self.column.to else f'give to = "{named}"'
+            raise UnusableInput(
+                f"{self._file}: columns.{self.name} becomes {self.unit}, but its name says "
+                f"{named}; {advice}, or rename it."
+            )
+
+    def converted(self, values: Vector) -> Vector:
+        """Numbers of the log in that unit."""
+        factor: Fraction = self._factor
+        with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what overflows
+            scaled = values * self.column.scale + self.column.offset if self._is_scaled else values
+            if factor == 1:
+                return scaled
+            return np.asarray(scaled * float(factor.numerator) / float(factor.denominator))
+
+    @property
+    def advice_on_missing(self) -> str:
+        """What to do where a sample has no number; what is held counts as measured."""
+        if set(self.column.roles) == {"output"}:
+            what = 'missing = "nan", which ignores it, or "split", which ends the recording there'
+        else:
+            what = 'missing = "split", or "hold" for what is written only when it changes'
+        return f"give {what}, in [columns.{self.name}]"
+
+    @property
+    def _is_scaled(self) -> bool:
+        return (self.column.scale, self.column.offset) != (1.0, 0.0)
+
+
+def _doubted(column: Column) -> str:
+    """What speaks against a column's unit: another one of the same dimension in its name."""
+    named = unit_at_end(column.column.partition("[")[0].lower())
+    if (column.scale, column.offset) != (1.0, 0.0):
+        return ""
+    try:
+        differs = named is not None and conversion(column.unit, named) != 1
+    except ValueError:
+        return ""
+    return f"read as {column.unit}, and its name says {named}; is `unit` right?" if differs else ""
