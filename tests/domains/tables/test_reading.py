@@ -77,7 +77,6 @@ def test_a_unit_of_another_dimension_is_refused(
     [
         ("output", False),
         ('["output"]', False),
-        ("input", True),
         ('["output", "observation"]', True),
     ],
 )
@@ -95,6 +94,20 @@ def test_what_a_silent_sensor_said_last_is_not_measured_again(
     (note,) = read.notes
     assert "silent for 0.5 s" in note
     assert ("not measured" in note) != is_measured
+
+
+def test_an_input_that_changed_while_nobody_looked_ends_a_recording(tmp_path: Path) -> None:
+    """Half a second of a motor's voltage is not known; where it is the same afterwards, it is."""
+    stamps = [k / 100 for k in range(400) if not 200 < k < 250]
+    path = write(tmp_path / "log.csv", stamps, stamps)
+    text = BASE + "[resample]\nrate_hz = 100\n" + U
+    with pytest.raises(UnusableInput, match=r"silent for 0\.5 s .* gap_s = 0\.1, or event = true"):
+        one(path, text)
+    assert len(reading(path, text + "[split]\ngap_s = 0.1\n").recordings) == 2
+    path = write(tmp_path / "log.csv", stamps, [float(t > 3.0) for t in stamps])
+    read = reading(path, text)
+    assert np.isfinite(read.recordings[0].columns["u"]).all()
+    assert "the last sample is held" in read.notes[0]
 
 
 def test_a_gap_and_a_missing_number_are_refused_with_what_helps(tmp_path: Path) -> None:

@@ -313,19 +313,24 @@ class FileReader:
 
     def _covered(self, column: _Series) -> list[Stretch]:
         stamps_s, gap_s = column.times.stamps_s, self.columns.split.gap_s
-        is_good = ~np.isnan(column.values)
+        values = column.values
+        is_good = ~np.isnan(values)
         if column.is_event:
             return from_first(stamps_s, is_good)
         missing = column.wanted.column.missing
         if missing == "nan":
             is_good = np.ones(len(stamps_s), dtype=bool)
         if missing == "hold":
-            stamps_s, is_good = stamps_s[is_good], is_good[is_good]
-        silent = longest_silence(stamps_s) if self.columns.resample and gap_s is None else None
+            stamps_s, values, is_good = stamps_s[is_good], values[is_good], is_good[is_good]
+        silent = None
+        if self.columns.resample and gap_s is None:
+            is_drive = set(column.wanted.column.roles) == {"input"}
+            silent = longest_silence(stamps_s, values if is_drive else None)
         if silent is not None:
             length_s = stamps_s[silent] - stamps_s[silent - 1]
             reason = f"is silent for {length_s:.3g} s from {stamps_s[silent - 1]:.6g} s on"
-            advice = "give [split] gap_s"
+            usual_s = float(np.median(np.diff(stamps_s)))
+            advice = f"give [split] gap_s = {_gap_between(usual_s, length_s)}"
             if set(column.wanted.column.roles) != {"output"}:
                 advice += f", or event = true in [columns.{column.wanted.name}]"
             raise column.place.refused(reason, advice)
@@ -380,7 +385,7 @@ class FileReader:
         resample = "[resample] rate_hz where the clock is never even"
         if step_s < 1.6 * usual_s:
             return f"give {resample}"
-        gap_s = f"{min(10.0 * usual_s, 0.5 * (usual_s + step_s)):.2g}"
+        gap_s = _gap_between(usual_s, step_s)
         now_s = self.columns.split.gap_s
         now = "" if now_s is None else f" (the one given, {now_s:g}, is longer)"
         return f"where samples are lost give [split] gap_s = {gap_s}{now}; {resample}"
@@ -436,6 +441,11 @@ class FileReader:
             return values
         self._tell(column.place, f"{count}; these {int(is_stale.sum())} samples are not measured")
         return np.where(is_stale, np.nan, values)
+
+
+def _gap_between(usual_s: float, silent_s: float) -> str:
+    """A `gap_s` that usual steps do not reach and a silence exceeds."""
+    return f"{min(10.0 * usual_s, 0.5 * (usual_s + silent_s)):.2g}"
 
 
 def _clock_key(place: _Place) -> tuple[int, str]:

@@ -5,11 +5,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from wakedeploy.domains.tables.resampling import usual_step_s
+
 Vector = NDArray[np.float64]
 Stretch = tuple[float, float]
 
 _SILENT_STEPS = 10.0  # the longest silence that is no gap, in steps of the log's own
-_SILENT_S = 1.0  # and at least this
+_SILENT_S = 1.0  # and at least this, unless an input has changed in it
 
 
 def covered(stamps_s: Vector, is_good: NDArray[np.bool_], gap_s: float | None) -> list[Stretch]:
@@ -44,11 +46,19 @@ def common(first: list[Stretch], other: list[Stretch]) -> list[Stretch]:
     return found
 
 
-def longest_silence(stamps_s: Vector) -> int | None:
-    """The sample after a silence that looks like a gap; None where there is none."""
+def longest_silence(stamps_s: Vector, drive: Vector | None = None) -> int | None:
+    """The sample after a silence that looks like a gap; None where there is none.
+
+    What drives a system must be known: where the values of a `drive` are others after a silence,
+    it is a gap however short it is in seconds.
+    """
     steps_s = np.diff(stamps_s)
     if not len(steps_s):
         return None
     bound_s = max(_SILENT_S, _SILENT_STEPS * float(np.median(steps_s)))
-    at = int(np.argmax(steps_s))
-    return at + 1 if steps_s[at] > bound_s else None
+    gaps_s = np.where(steps_s > bound_s, steps_s, 0.0)
+    if drive is not None:
+        is_long = steps_s > _SILENT_STEPS * usual_step_s(steps_s)
+        gaps_s = np.where(is_long & (np.diff(drive) != 0.0), steps_s, gaps_s)
+    at = int(np.argmax(gaps_s))
+    return at + 1 if gaps_s[at] > 0.0 else None

@@ -41,11 +41,11 @@ def held(stamps_s: Vector, values: Vector, ticks_s: Vector) -> Vector:
 def stale(stamps_s: Vector, ticks_s: Vector) -> NDArray[np.bool_]:
     """Ticks (m,) whose newest sample is older than some of the log's usual steps."""
     newest = np.searchsorted(stamps_s, ticks_s, side="right") - 1
-    bound_s = _STALE_STEPS * _usual_step_s(np.diff(stamps_s))
+    bound_s = _STALE_STEPS * usual_step_s(np.diff(stamps_s))
     return np.asarray((newest >= 0) & (ticks_s - stamps_s[np.maximum(newest, 0)] > bound_s))
 
 
-def _usual_step_s(steps_s: Vector) -> float:
+def usual_step_s(steps_s: Vector) -> float:
     """The step [s] in which half of the time lies, or in shorter ones: that between bursts, too."""
     in_order = np.sort(steps_s)
     passed_s = np.cumsum(in_order)
