@@ -271,7 +271,8 @@ def _rivals(leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
 def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named | None:
     """One more effect: the first that is accepted and still something once all else has followed.
 
-    Its class are those after it. Beside an open class only an effect without rivals is named.
+    Its class are those after it. Beside an open class only an effect without rivals is named, or
+    one whose rivals are of that class: the class is then what is left of it.
     """
     searched = outcome.rounds[-1]
     for k, verdict in enumerate(best):
@@ -279,7 +280,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
         if verdict.why != ACCEPTED or weight is None:
             break
         members = tuple(v.candidate.name for v in best[k:])
-        if outcome.rivals and len(members) > 1:
+        if outcome.rivals and len(members) > 1 and not set(members) <= set(outcome.rivals):
             return None
         better, still = settled(model, effect.fit)
         follows = candidate(outcome.found, effect.name, better)

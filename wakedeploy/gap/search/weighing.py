@@ -112,15 +112,17 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
 
 
 def is_outdone(model: Comparison, fitted: Fit) -> bool:
-    """Whether forecasts of a fit's blocks are no better than those that ask no model.
+    """Whether forecasts of all blocks are no better than those that ask no model.
 
     What acts on a model that explains so little is no effect on the system.
     """
     asked: Callable[[Sequence[int]], list[list[FloatArray]]] | None = getattr(model, "held", None)
     if asked is None:
         return False
+    sealed = model.sealed()
     modelled = crossed(model, fitted).sum(0)
-    simple = [_stretches(model, each).sum(0) for each in asked(fitted.episodes)]
+    modelled += _stretches(model, model.disagreements(fitted, sealed)).sum(0)
+    simple = [_stretches(model, each).sum(0) for each in asked([*fitted.episodes, *sealed])]
     least = np.min(simple, axis=0)
     return bool(np.mean(modelled / np.where(least > 0.0, least, np.inf)) >= 1.0)
 
