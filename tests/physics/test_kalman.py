@@ -16,7 +16,8 @@ def _stepped(slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     rates = np.stack([slopes, slopes * (1.0 + 1e-4)])[None]
     nothing = np.zeros((0, lanes))
     none = np.zeros(0, dtype=np.int64)
-    stepped(x, p, rates, aside, none, nothing, nothing, nothing, DT_S, False)
+    stepped(x, p, rates, aside, none, nothing, nothing, nothing, DT_S, False,
+            none, nothing, nothing, nothing[None, :0])  # fmt: skip
     return x[0], p[0, 0]
 
 

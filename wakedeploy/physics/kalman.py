@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from wakedeploy.physics.friction import borne
 from wakedeploy.physics.series import FloatArray, IntArray, compiled
 
 _TAYLOR = 8
@@ -97,6 +98,10 @@ def stepped(
     fresh: FloatArray,
     dt_s: float,
     discrete: bool,
+    dry: IntArray,
+    strengths: FloatArray,
+    turnings: FloatArray,
+    answers: FloatArray,
 ) -> None:
     """One sample later: changes `x` (n + s, L) and `p` (n + s, n + s, L) in place.
 
@@ -104,7 +109,9 @@ def stepped(
     `discrete`). White noise acts on the derivatives of the states `driven` (d); `sd` (d, L) is that
     of its mean over a sample. The last s states, none or d of them, are pushes that last: each is
     added to its driven derivative, keeps the share `keep` (s, L) of itself, and gets fresh noise of
-    sd `fresh` (s, L); it is held over a sample.
+    sd `fresh` (s, L); it is held over a sample. Dry friction, which the rates leave out, acts on
+    the speeds `dry` (q) with up to `strengths` (q, L), and turns over the speeds `turnings` (q, L);
+    `answers` (q, n, L) are what a unit of it adds to every derivative (or next state).
     """
     n, lanes = rates.shape[0], rates.shape[2]
     pushes = x.shape[0] - n
@@ -150,6 +157,9 @@ def stepped(
             for d in range(pushes):
                 for w in range(_WIDE):
                     whole[i, n + d, w] = phi[i, driven[d], w] * dt_s
+        for q in range(len(dry)):
+            _rubbed(moved, whole, x, of, dry[q], strengths[q], turnings[q], answers[q], phi, dt_s,
+                    discrete)  # fmt: skip
         _sandwich(whole, kept, cov, carried, total)
         _disturbed(cov, f, half, driven, sd, of, dt_s, discrete, total)
         for w in range(min(_WIDE, lanes - first)):
@@ -162,6 +172,46 @@ def stepped(
             for i in range(every):
                 for j in range(i, every):
                     p[i, j, lane] = p[j, i, lane] = cov[i, j, w]
+
+
+@compiled
+def _rubbed(
+    moved: FloatArray,
+    whole: FloatArray,
+    x: FloatArray,
+    of: IntArray,
+    speed: int,
+    strength: FloatArray,
+    turning: FloatArray,
+    answer: FloatArray,
+    phi: FloatArray,
+    dt_s: float,
+    discrete: bool,
+) -> None:
+    """Dry friction on one speed: changes states `moved` (n, W) and their slopes `whole` in place.
+
+    Over a sample it acts on all states as a force that is held, of the mean that it has.
+    """
+    n, every = moved.shape[0], whole.shape[1]
+    change = np.empty(n)
+    for w in range(_WIDE):
+        lane = of[w]
+        for i in range(n):
+            change[i] = answer[i, lane]
+            if not discrete:
+                change[i] = 0.0
+                for j in range(n):
+                    change[i] += phi[i, j, w] * answer[j, lane] * dt_s
+        most = change[speed] * strength[lane]
+        if not most > 0.0:
+            continue
+        share, by_before, by_after = borne(x[speed, lane], moved[speed, w], most, turning[lane])
+        for j in range(every):
+            slope = by_after * whole[speed, j, w] + (by_before if j == speed else 0.0)
+            for i in range(n):
+                whole[i, j, w] += change[i] * strength[lane] * slope
+        for i in range(n):
+            moved[i, w] += change[i] * strength[lane] * share
 
 
 @compiled

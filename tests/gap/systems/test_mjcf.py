@@ -1,5 +1,6 @@
 """A MuJoCo model as a system, held against MuJoCo's own forward dynamics and simulation."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.files import read_system
-from wakedeploy.gap.systems.kinds.library import offered
+from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.mjcf.corrected import CORRECTED, RANGES
 from wakedeploy.gap.systems.mjcf.elements import read_elements
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem
@@ -88,12 +89,17 @@ def test_rates_are_mujoco_s_own(tmp_path: Path) -> None:
         assert told["elbow_activation"] == pytest.approx(data.act_dot[0], rel=1e-6)
 
 
+def offered_at_one(system: MjcfSystem, name: str) -> tuple[Effect, dict[str, float]]:
+    """An effect of a system in which all sizes are 1, and the sizes."""
+    sizes = dict.fromkeys((*system.states, *(f"d {n}" for n in system.states)), 1.0)
+    sizes |= {i.name: 1.0 for i in system.inputs} | {f"y {o.name}": 1.0 for o in system.outputs}
+    return offered(system, sizes, (0.01, 30.0))[name], sizes
+
+
 def test_a_force_at_a_port_moves_the_whole_chain(tmp_path: Path) -> None:
     """Friction of the search is MuJoCo's damping, which the mass matrix hands on to both joints."""
     system = system_of(tmp_path)
-    sizes = dict.fromkeys((*system.states, *(f"d {n}" for n in system.states)), 1.0)
-    sizes |= {i.name: 1.0 for i in system.inputs} | {f"y {o.name}": 1.0 for o in system.outputs}
-    effect = offered(system, sizes, (0.01, 30.0))["viscous-friction@elbow_radps"]
+    effect, sizes = offered_at_one(system, "viscous-friction@elbow_radps")
     acting = Acting(system, [effect], sizes)
     x = np.array([0.2, -0.4, 1.0, -2.0])
     u = {i.name: 0.1 for i in system.inputs}
@@ -285,6 +291,46 @@ def test_a_hidden_dead_time_is_named_and_the_corrected_model_replays(tmp_path: P
     before, after = (float(np.sqrt(np.mean(one**2))) for one in off)
     assert before > 0.02
     assert after < 0.1 * before, (before, after)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_hidden_dry_friction_is_named_with_its_size_and_no_play_beside_it(tmp_path: Path) -> None:
+    """A servo that sticks follows as one with play does, unless what sticks is truly held."""
+    (tmp_path / "arm.xml").write_text(LEVER.format(hidden=""))
+    target = tmp_path / "my_arm.py"
+    text = mjcf_template(tmp_path / "arm.xml", target).replace("rate_hz = 100.0", "rate_hz = 50.0")
+    fewer = _FEWER.replace('"lag", "gain"', '"backlash"')
+    target.write_text(text.replace("\n\nclass MyArm", fewer))
+    hidden = LEVER.format(hidden="").replace('damping="0.05"', 'damping="0.05" frictionloss="0.2"')
+    _log(tmp_path / "first.csv", hidden, 0)
+    command = [sys.executable, "-m", "wakedeploy", "gap", "close", "--system", "my_arm.py"]
+    subprocess.run([*command, "--measured", "first.csv", "--out", "gap"], cwd=tmp_path, check=True)
+    answer = json.loads((tmp_path / "gap" / "name.json").read_text())
+    assert [e["name"] for e in answer["effects"]] == ["coulomb-friction@shoulder_radps"]
+    force = answer["effects"][0]["parameters"]["force"]
+    assert force["low"] < 0.2 < force["high"]
+    assert force["high"] - force["low"] < 0.1
+
+
+def test_a_unit_of_friction_acts_through_the_mass_matrix(tmp_path: Path) -> None:
+    system = system_of(tmp_path)
+    effect, sizes = offered_at_one(system, "coulomb-friction@shoulder_radps")
+    acting = Acting(system, [effect], sizes)
+    x = np.array([0.3, -0.5, 0.2, 0.1])
+    u = {"shoulder_command": np.zeros(1), "elbow_command": np.zeros(1)}
+    values = {f"{effect.name}.force": 0.2, f"{effect.name}.turning": 0.01}
+    constants = acting.constants({}, np.zeros(1))
+    strengths, _, answers = acting.rubbed(x[:, None], u, constants, values, np.zeros(1))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    data, alone = mujoco.MjData(model), np.array([[1.0, 0.0]])
+    data.qpos[:] = x[:2]
+    mujoco.mj_forward(model, data)
+    pushed = np.zeros_like(alone)
+    mujoco.mj_solveM(model, data, pushed, alone)
+    assert strengths[0] == pytest.approx([0.2])
+    assert answers[0, 2:, 0] == pytest.approx(pushed[0], rel=1e-6)
+    assert answers[0, :2, 0] == pytest.approx([0.0, 0.0])
 
 
 def _log(path: Path, text: str, seed: int) -> Path:

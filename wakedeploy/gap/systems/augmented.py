@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import FloatArray
-from wakedeploy.gap.systems.kinds.forces import At, ForceKind
+from wakedeploy.gap.systems.kinds.forces import At, DryFriction, ForceKind
 from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind
@@ -47,6 +47,8 @@ class Acting:
             role: [e for e in effects if e.port.role == role]
             for role in ("input", "force", "output", "constant", "custom")
         }
+        self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
+        self.dry = [self.states.index(e.port.name) for e in self._dry]  # speeds that it acts on
         self._constants = {c.name: c.value for c in system.constants}
         self._held = {i.name: i.hold for i in system.inputs}
 
@@ -89,22 +91,33 @@ class Acting:
         return Point("constant", constants)
 
     def rates(
-        self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
+        self,
+        x: FloatArray,
+        inputs: Arrays,
+        c: Point,
+        values: Arrays,
+        time_s: FloatArray,
+        *,
+        dry: bool = True,
     ) -> FloatArray:
-        """Derivatives (k, …) of states `x` (k, …), or the next states of a discrete system."""
+        """Derivatives (k, …) of states `x` (k, …), or the next states of a discrete system.
+
+        `dry` says whether dry friction acts; for one who asks what it can bear, it does not.
+        """
+        forces = self._of["force"] if dry else [e for e in self._of["force"] if e not in self._dry]
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
         own_rates: dict[str, Any] = {}
         inputs = self._arriving(inputs, named, values, own_rates)
         driven = Point("input", inputs)
-        if self.system.takes_forces and self._of["force"]:
-            rates = self._loaded(named, state, driven, c, values, own_rates)
+        if self.system.takes_forces and forces:
+            rates = self._loaded(forces, named, state, driven, c, values, own_rates)
         else:
             rates = self.system.rates(state, driven, c)
         base = dict(rates)
         for name in self.form:
             rates[name] = rates[name] + self._form(name, named, rates, values)
-        for effect in () if self.system.takes_forces else self._of["force"]:
+        for effect in () if self.system.takes_forces else forces:
             self._force(effect, named, base, inputs, c, values, rates, own_rates)
         for effect in self._of["custom"]:
             self._custom(effect, state, driven, values, time_s, rates)
@@ -114,6 +127,39 @@ class Acting:
         for i, name in enumerate(self.states):
             result[i] = rates[name] if name in rates else own_rates[name]
         return result
+
+    def rubbed(
+        self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What dry friction can bear at states `x` (k, L), and what a unit of it would change.
+
+        Strengths (q, L), speeds over which it turns (q, L), and changes (q, k, L) of every
+        derivative, or of the next states.
+        """
+        strengths, turnings = np.zeros((2, len(self.dry), x.shape[1]))
+        answers = np.zeros((len(self.dry), *x.shape))
+        named = dict(zip(self.states, x[:, None], strict=True))
+        for q, effect in enumerate(self._dry):
+            kind, port = effect.kind, effect.port
+            assert isinstance(kind, DryFriction)
+            at, p = self._at(effect, named, inputs), effect.parameters(values)
+            strengths[q], turnings[q] = kind.strength(at, p), kind.turning(at, p)
+            if self.system.takes_forces:
+                answers[q] = self._answer(port.name, named, inputs, c)
+            else:
+                inertia = getattr(c, port.inertia) if port.inertia else 1.0
+                answers[q, self.dry[q]] = self._dt_s / inertia
+        return strengths, turnings, answers
+
+    def _answer(self, port: str, named: Arrays, inputs: Arrays, c: Point) -> FloatArray:
+        """What a unit of force at a port changes of the derivatives (k, L)."""
+        state = Point("state", {n: named[n] for n in self.system.states})
+        driven = Point("input", inputs)
+        free, pushed = (self.system.rates(state, driven, c, {port: f}) for f in (0.0, 1.0))
+        changes = [
+            pushed[n] - free[n] if n in free else np.zeros_like(named[n]) for n in self.states
+        ]
+        return np.concatenate([np.broadcast_to(d, named[port].shape) for d in changes])
 
     def readings(
         self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
@@ -194,6 +240,7 @@ class Acting:
 
     def _loaded(
         self,
+        effects: Sequence[Effect],
         named: Arrays,
         state: Point,
         driven: Point,
@@ -202,7 +249,6 @@ class Acting:
         own_rates: dict[str, Any],
     ) -> dict[str, Any]:
         """Rates of a system that distributes forces itself, under those of the effects."""
-        effects = self._of["force"]
         asks = any(e.kind.needs == ("inertia",) for e in effects)
         base = self.system.rates(state, driven, c) if asks else {}
         inputs = {i.name: getattr(driven, i.name) for i in self.system.inputs}
@@ -226,24 +272,25 @@ class Acting:
         """The force of an effect; also the rates of its own states."""
         port, kind = effect.port, effect.kind
         assert isinstance(kind, ForceKind)
-        speed = named[port.name]
-        force = (
-            self._base(port.name, named, base) * inertia if kind.needs == ("inertia",) else speed
-        )
-        other = {**named, **inputs}[effect.other] if effect.other else speed
-        at = At(
-            speed=speed,
-            position=named.get(port.position, speed),
-            height=named.get(port.height, speed),
-            force=force,
-            other=other,
-            own_states=tuple(named[n] for n in effect.own_states),
-            sizes=effect.scales.sizes,
-        )
+        force = self._base(port.name, named, base) * inertia if kind.needs == ("inertia",) else None
+        at = self._at(effect, named, inputs, force)
         p = effect.parameters(values)
         for name, rate in zip(effect.own_states, kind.own_rates(at, p), strict=True):
             own_rates[name] = self._advanced(named[name], rate)
         return kind.force(at, p)
+
+    def _at(self, effect: Effect, named: Arrays, inputs: Arrays, force: Any = None) -> At:
+        port = effect.port
+        speed = named[port.name]
+        return At(
+            speed=speed,
+            position=named.get(port.position, speed),
+            height=named.get(port.height, speed),
+            force=speed if force is None else force,
+            other={**named, **inputs}[effect.other] if effect.other else speed,
+            own_states=tuple(named[n] for n in effect.own_states),
+            sizes=effect.scales.sizes,
+        )
 
     def _custom(
         self,

@@ -122,7 +122,7 @@ class Filter:
             place = acting.states.index(name)
             p[place, place] = sd**2
         k, m = len(acting.states), len(logged)
-        driven = self._places(acting)
+        driven, dry = self._places(acting), np.array(acting.dry, dtype=np.int64)
         aside = self._aside(acting, lanes)
         statistics = np.empty((len(at), 4, m, lanes))
         states = np.empty((len(at), len(x), lanes))
@@ -142,9 +142,10 @@ class Filter:
             corrected(x, p, shown, aside, measured[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
                       statistics[t])  # fmt: skip
             states[t] = x
-            rates = acting.rates(_around(x, aside, points), u, c, spread, time_s)
+            given = (u, c, spread, time_s)
+            rates = acting.rates(_around(x, aside, points), *given, dry=False)
             stepped(x, p, rates, aside, driven, noise.white, noise.keep, noise.fresh, dt_s,
-                    acting.system.has_step)  # fmt: skip
+                    acting.system.has_step, dry, *acting.rubbed(x[:k], *given))  # fmt: skip
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():
                 x[:, lost], p[:, :, lost] = 0.0, 0.0
@@ -187,7 +188,7 @@ class Filter:
         nothing = np.zeros((0, lanes))
         dt_s = 1.0 / acting.system.rate_hz
         names = [i.name for i in acting.system.inputs]
-        none = np.zeros(0, dtype=np.int64)
+        none, dry = np.zeros(0, dtype=np.int64), np.array(acting.dry, dtype=np.int64)
         last = len(run.states) - 1
         first = np.array([self.blocks[e].start for e in episodes])[owner]
         for step in range(horizon):
@@ -197,9 +198,10 @@ class Filter:
             time_s = (sample * dt_s)[None, :]
             u = {n: columns[i][set_of, here][None, :] for i, n in enumerate(names)}
             c = acting.constants(spread, time_s)
-            rates = acting.rates(_around(x, aside, points), u, c, spread, time_s)
+            given = (u, c, spread, time_s)
+            rates = acting.rates(_around(x, aside, points), *given, dry=False)
             stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
-                    acting.system.has_step)  # fmt: skip
+                    acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
             t = t0 + step + 1
             inside = (t <= last) & run.pieces.scored[np.minimum(t, last), s0]
@@ -223,6 +225,7 @@ class Filter:
         x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1, None)
         aside, dt_s = self._aside(acting, 1), 1.0 / acting.system.rate_hz
         none, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
+        dry = np.array(acting.dry, dtype=np.int64)
         states, shown = [], []
         for t in range(self.logs[0].outputs.shape[1]):
             time_s = np.full((1, 1), t * dt_s)
@@ -230,9 +233,10 @@ class Filter:
             c = acting.constants(spread, time_s)
             states.append(x[:, 0].copy())
             shown.append(acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0, 0])
-            rates = acting.rates(_around(x, aside), u, c, spread, time_s)
+            given = (u, c, spread, time_s)
+            rates = acting.rates(_around(x, aside), *given, dry=False)
             stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
-                    acting.system.has_step)  # fmt: skip
+                    acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
         return np.array(states).T, np.array(shown).T
 
     def _columns(self, acting: Acting, values: Mapping[str, FloatArray]) -> list[FloatArray]:

@@ -1,7 +1,8 @@
 """Kinds that act as a force on a state: friction, springs, drag, hysteresis and what couples.
 
 Each is written for one point and called with arrays; `at` is where the system is, `p` the
-parameters. Signs are smoothed over a small share of the usual speed, so that a filter can follow.
+parameters. Where a force turns with the speed, its sign is smoothed over a small share of the usual
+speed. A filter takes dry friction instead as what it is, a bound: see `physics.friction`.
 """
 
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters
 
 _STILL = 0.02  # share of the usual speed over which a sign turns
+_SHARP = 0.002  # the same of friction that turns at once
 _FORCE = {"force": 1}
 _ARMSTRONG = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994"
 _MECHANICS = "Landau and Lifshitz, Mechanics, 1976"
@@ -75,30 +77,46 @@ class Viscous(ForceKind):
         return np.asarray(-p["coefficient"] * at.speed)
 
 
-class Coulomb(ForceKind):
-    """Friction that depends on the sign of speed alone.
+class DryFriction(ForceKind):
+    """Opposes a motion with its strength, and holds what stands with up to as much."""
 
-    What is stuck creeps within the speed over which the sign turns; where a motion turns within a
-    sample, a wider one tells its time less sharply. The log says which it is.
-    """
+    def strength(self, at: At, p: Parameters) -> FloatArray:
+        """The most that it bears, not negative."""
+        raise NotImplementedError
+
+    def turning(self, at: At, p: Parameters) -> FloatArray:
+        """The speed over which it turns, positive."""
+        return np.asarray(_SHARP * at.sizes["speed"])
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Against the motion; of what stands, nothing."""
+        return np.asarray(-self.strength(at, p) * np.tanh(at.speed / self.turning(at, p)))
+
+
+class Coulomb(DryFriction):
+    """Friction that depends on the sign of speed alone."""
 
     name = "coulomb-friction"
     phrase = "dry friction that acts on {port}"
-    equation = "−F tanh(v/turning)"
+    equation = "−F sign(v), soft below |v| = turning"
     source = _ARMSTRONG
     needs = ("still",)
     parameters = (
         Parameter("force", _FORCE, low=0.0),
-        Parameter("turning", {"speed": 1}, neutral=_STILL, low=0.002, high=0.1,
-                  starts=(_STILL, 0.005), step=2e-4, prior=0.03),
+        Parameter("turning", {"speed": 1}, neutral=_STILL, low=_SHARP, high=0.2,
+                  starts=(_STILL, _SHARP), step=2e-4, prior=0.05),
     )  # fmt: skip
 
-    def force(self, at: At, p: Parameters) -> FloatArray:
-        """Against the motion."""
-        return np.asarray(-p["force"] * np.tanh(at.speed / p["turning"]))
+    def strength(self, at: At, p: Parameters) -> FloatArray:
+        """The same at every speed."""
+        return np.asarray(p["force"] + 0.0 * at.speed)
+
+    def turning(self, at: At, p: Parameters) -> FloatArray:
+        """As the log says."""
+        return np.asarray(p["turning"] + 0.0 * at.speed)
 
 
-class Stribeck(ForceKind):
+class Stribeck(DryFriction):
     """Dry friction that falls as motion begins."""
 
     name = "stribeck-friction"
@@ -111,9 +129,9 @@ class Stribeck(ForceKind):
         Parameter("speed", {"speed": 1}, neutral=0.3, low=0.05, high=2.0, starts=(0.3,), prior=0.5),
     )
 
-    def force(self, at: At, p: Parameters) -> FloatArray:
-        """Against the motion, at small speeds only."""
-        return np.asarray(-p["force"] * np.exp(-((at.speed / p["speed"]) ** 2)) * at.sign)
+    def strength(self, at: At, p: Parameters) -> FloatArray:
+        """At small speeds only."""
+        return np.asarray(p["force"] * np.exp(-((at.speed / p["speed"]) ** 2)))
 
 
 class Presliding(ForceKind):
