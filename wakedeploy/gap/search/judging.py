@@ -52,6 +52,7 @@ ONE_BLOCK = "its gain rests on one block"
 WORSE = "forecasts get worse"
 UNSEEN_WORSE = "forecasts of sealed episodes get no better"
 HARDLY = "evident, but forecasts hardly change"
+REFINES = "it only refines what was found"
 ACCEPTED = "accepted"
 
 
@@ -190,7 +191,8 @@ def _judged_round(
     counted = functools.partial(progress, stage)
     ranking, chance = ranked(model, found, untried, counted, anew)
     before = crossed(model, found)
-    verdicts = [_judged(model, before, effect, chance) for effect in ranking[:_TRIED]]
+    begun = crossed(model, outcome.base) if found.hypothesis else before
+    verdicts = [_judged(model, begun, before, effect, chance) for effect in ranking[:_TRIED]]
     verdicts += [Verdict(effect, "") for effect in ranking[_TRIED:]]
     entries = [_entry(c, found) for c in ranking]
     for entry, verdict in zip(entries, verdicts, strict=True):
@@ -204,8 +206,14 @@ def _judged_round(
     return verdicts
 
 
-def _judged(model: Comparison, before: FloatArray, effect: Candidate, chance: float) -> Verdict:
-    """Why a candidate is not named, or "accepted"."""
+def _judged(
+    model: Comparison, begun: FloatArray, before: FloatArray, effect: Candidate, chance: float
+) -> Verdict:
+    """Why a candidate is not named, or "accepted".
+
+    `begun` and `before` are squared errors of the base and of what was found. What is the same
+    effect as a found one, with more to it, has to matter to the base's: no form is exact.
+    """
     if effect.gain_nats <= chance:
         return Verdict(effect, CHANCE)
     if is_absent(effect.fit, effect.name):
@@ -215,7 +223,9 @@ def _judged(model: Comparison, before: FloatArray, effect: Candidate, chance: fl
     if not is_shared(effect, chance):
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif weight.matters:
-        why = ACCEPTED
+        gained = weight_of(begun, squares).share - weight_of(begun, before).share
+        refines = any(elaborates(effect.name, n) for n in effect.fit.hypothesis)
+        why = REFINES if refines and gained < RULES.least_share else ACCEPTED
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
     return Verdict(effect, why, weight, squares)
