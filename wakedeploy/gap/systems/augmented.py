@@ -14,7 +14,7 @@ from wakedeploy.gap.systems.kinds.forces import At, DryFriction, ForceKind
 from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind
-from wakedeploy.gap.systems.system import Point, System
+from wakedeploy.gap.systems.system import Point, Port, System
 from wakedeploy.physics.kalman import bumped
 
 Arrays = Mapping[str, Any]
@@ -23,6 +23,7 @@ BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes 
 _BUMP_WIDTH = 0.75
 _CENTRES = np.array(BUMPS)
 _FARTHEST_BUMP = 6.0  # usual sizes; no bump reaches there
+_LEAST_STRENGTH = 1e-12  # of the usual force, so that a friction of none has a turning speed, too
 FORM_SD = 0.05  # of the model-form term, as a share of the rate
 FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
 FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
@@ -48,7 +49,8 @@ class Acting:
             for role in ("input", "force", "output", "constant", "custom")
         }
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
-        self.dry = [self.states.index(e.port.name) for e in self._dry]  # speeds that it acts on
+        ports = dict.fromkeys(e.port.name for e in self._dry)
+        self.dry = [self.states.index(name) for name in ports]  # speeds that it acts on
         self._constants = {c.name: c.value for c in system.constants}
         self._held = {i.name: i.hold for i in system.inputs}
 
@@ -134,32 +136,40 @@ class Acting:
         """What dry friction can bear at states `x` (k, L), and what a unit of it would change.
 
         Strengths (q, L), speeds over which it turns (q, L), and changes (q, k, L) of every
-        derivative, or of the next states.
+        derivative, or of the next states. Frictions of one speed are one, as strong as all.
         """
-        strengths, turnings = np.zeros((2, len(self.dry), x.shape[1]))
-        answers = np.zeros((len(self.dry), *x.shape))
+        count, lanes = len(self.dry), x.shape[1]
+        strengths, weighted, answers = np.zeros((count, lanes)), np.zeros((count, lanes)), []
         named = dict(zip(self.states, x[:, None], strict=True))
-        for q, effect in enumerate(self._dry):
-            kind, port = effect.kind, effect.port
-            assert isinstance(kind, DryFriction)
-            at, p = self._at(effect, named, inputs), effect.parameters(values)
-            strengths[q], turnings[q] = kind.strength(at, p), kind.turning(at, p)
-            if self.system.takes_forces:
-                answers[q] = self._answer(port.name, named, inputs, c)
-            else:
-                inertia = getattr(c, port.inertia) if port.inertia else 1.0
-                answers[q, self.dry[q]] = self._dt_s / inertia
-        return strengths, turnings, answers
+        for q, place in enumerate(self.dry):
+            alike = [e for e in self._dry if e.port.name == self.states[place]]
+            for effect in alike:
+                kind, at, p = (
+                    effect.kind,
+                    self._at(effect, named, inputs),
+                    effect.parameters(values),
+                )
+                assert isinstance(kind, DryFriction)
+                bears = kind.strength(at, p) + _LEAST_STRENGTH * at.sizes["force"]
+                strengths[q] += bears[0]
+                weighted[q] += (bears * kind.turning(at, p))[0]
+            answers.append(self._answer(alike[0].port, place, named, inputs, c))
+        return strengths, weighted / strengths, np.array(answers).reshape(count, *x.shape)
 
-    def _answer(self, port: str, named: Arrays, inputs: Arrays, c: Point) -> FloatArray:
-        """What a unit of force at a port changes of the derivatives (k, L)."""
+    def _answer(
+        self, port: Port, place: int, named: Arrays, inputs: Arrays, c: Point
+    ) -> FloatArray:
+        """What a unit of force at a port changes of derivatives, or of the next states (k, L)."""
+        lanes = named[port.name].shape
+        if not self.system.takes_forces:
+            changes = np.zeros((len(self.states), *lanes[1:]))
+            changes[place] = self._dt_s / (getattr(c, port.inertia) if port.inertia else 1.0)
+            return changes
         state = Point("state", {n: named[n] for n in self.system.states})
         driven = Point("input", inputs)
-        free, pushed = (self.system.rates(state, driven, c, {port: f}) for f in (0.0, 1.0))
-        changes = [
-            pushed[n] - free[n] if n in free else np.zeros_like(named[n]) for n in self.states
-        ]
-        return np.concatenate([np.broadcast_to(d, named[port].shape) for d in changes])
+        free, pushed = (self.system.rates(state, driven, c, {port.name: f}) for f in (0.0, 1.0))
+        rises = [pushed[n] - free[n] if n in free else 0.0 for n in self.states]
+        return np.concatenate([np.broadcast_to(rise, lanes) for rise in rises])
 
     def readings(
         self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray

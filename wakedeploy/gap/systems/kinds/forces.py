@@ -13,7 +13,7 @@ import numpy as np
 from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters
 
 _STILL = 0.02  # share of the usual speed over which a sign turns
-_SHARP = 0.002  # the same of friction that turns at once
+_SHARP = 0.005  # the same of friction that turns at once
 _FORCE = {"force": 1}
 _ARMSTRONG = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994"
 _MECHANICS = "Landau and Lifshitz, Mechanics, 1976"
@@ -86,7 +86,7 @@ class DryFriction(ForceKind):
 
     def turning(self, at: At, p: Parameters) -> FloatArray:
         """The speed over which it turns, positive."""
-        return np.asarray(_SHARP * at.sizes["speed"])
+        return np.asarray(_STILL * at.sizes["speed"])
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """Against the motion; of what stands, nothing."""
@@ -102,9 +102,9 @@ class Coulomb(DryFriction):
     source = _ARMSTRONG
     needs = ("still",)
     parameters = (
-        Parameter("force", _FORCE, low=0.0),
+        Parameter("force", _FORCE, low=0.0, starts=(0.01, 0.1, 1.0)),
         Parameter("turning", {"speed": 1}, neutral=_STILL, low=_SHARP, high=0.2,
-                  starts=(_STILL, _SHARP), step=2e-4, prior=0.05),
+                  starts=(_STILL, _STILL, _SHARP), step=2e-4, prior=0.05),
     )  # fmt: skip
 
     def strength(self, at: At, p: Parameters) -> FloatArray:
@@ -125,7 +125,7 @@ class Stribeck(DryFriction):
     source = _ARMSTRONG
     needs = ("still",)
     parameters = (
-        Parameter("force", _FORCE, low=0.0),
+        Parameter("force", _FORCE, low=0.0, starts=(0.01, 0.1, 1.0)),
         Parameter("speed", {"speed": 1}, neutral=0.3, low=0.05, high=2.0, starts=(0.3,), prior=0.5),
     )
 
