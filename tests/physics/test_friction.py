@@ -11,6 +11,7 @@ from wakedeploy.physics.friction import borne
 
 SPEEDS = st.floats(-1.0, 1.0, allow_nan=False)
 STRENGTHS = st.floats(0.05, 1.0)
+TINY = st.floats(-20.0, -2.0).map(lambda power: 10.0**power)
 TURNINGS = st.floats(0.01, 0.3)
 HARD = 1e-7  # a turning speed of next to nothing
 
@@ -70,3 +71,10 @@ def test_slopes_are_those_of_the_force(before, after, most, turning):
         slopes = sorted(((high[0] - share) / step, (share - low[0]) / step))  # two at a corner
         near = 0.03 * (1.0 + abs(told)) / turning * 0.01 + 1e-2 / most
         assert slopes[0] - near <= told <= slopes[1] + near
+
+
+@given(SPEEDS, SPEEDS, TINY, TURNINGS)
+def test_next_to_no_friction_does_next_to_nothing(before, after, most, turning):
+    share, by_before, by_after = borne(before, after, most, turning)
+    assert abs(share) <= 1.0 + 1e-6
+    assert max(abs(by_before), abs(by_after)) * most <= 2.0 + 1e-3

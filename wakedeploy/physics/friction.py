@@ -6,14 +6,14 @@ on average, and its slopes.
 
 Above the turning speed all of it opposes the motion. Below, it goes over to what holds against the
 pull, as far as it can (Karnopp, Journal of Dynamic Systems, Measurement, and Control 107, 1985),
-so that what stands does not creep. In each of the three parts the speed has a closed form, so a
-motion that turns within a sample turns at its time, and the softest and the hardest friction take
-the same step.
+so that what stands does not creep. Where pull and strength are those of the whole sample, the speed
+has a closed form in each of the three parts: a motion that turns within a sample turns at its time,
+and the softest and the hardest friction take the same step.
 """
 
 import math
 
-from wakedeploy.physics.series import compiled
+from wakedeploy.physics.series import FloatArray, compiled
 
 _ASIDE = 1e-6  # of the speeds at hand, for slopes
 
@@ -30,6 +30,19 @@ def borne(before: float, after: float, most: float, turning: float) -> tuple[flo
     by_before = (_slid(before + aside, after - before - aside, most, turning) - after) / most
     by_after = (_slid(before, after + aside - before, most, turning) - after - aside) / most
     return share, (by_before - share) / aside, (by_after - share) / aside
+
+
+@compiled
+def rubbed(
+    before: FloatArray, after: FloatArray, most: FloatArray, turning: FloatArray
+) -> FloatArray:
+    """Speeds (L,) after a sample, of those that would be without friction; NaN stays NaN."""
+    ends = after.copy()
+    for lane in range(len(after)):
+        if most[lane] > 0.0:
+            pull = after[lane] - before[lane]
+            ends[lane] = _slid(before[lane], pull, most[lane], turning[lane])
+    return ends
 
 
 @compiled
@@ -50,7 +63,7 @@ def _slid(speed: float, pull: float, most: float, turning: float) -> float:
     beyond = pull - held * most
     goal = beyond / stiffness
     bound = high if beyond > 0.0 else low  # more than it can hold: it is let go there
-    lasts = math.log((speed - goal) / (bound - goal)) / stiffness if speed != bound else 0.0
+    lasts = math.log1p((speed - bound) / (bound - goal)) / stiffness
     if lasts >= left:
-        return goal + (speed - goal) * math.exp(-stiffness * left)
+        return speed + (speed - goal) * math.expm1(-stiffness * left)
     return bound + beyond * (left - lasts)

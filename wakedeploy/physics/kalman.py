@@ -18,6 +18,7 @@ _FINE_ENOUGH = 1e-8  # of the last term of the series, by norm
 _COARSEST = 0.5  # norm of a matrix whose exponential is summed; larger ones are halved first
 _LEAST_VARIANCE = 1e-300
 _LOST_NORM = 1e9  # of a matrix times a sample: such a lane has left its model
+_SWEEPS, _AGREED = 40, 1e-6  # over frictions that change each other's speeds; shares of strengths
 _WIDE = 8  # lanes that are computed side by side, as a processor's registers hold them
 
 
@@ -157,9 +158,8 @@ def stepped(
             for d in range(pushes):
                 for w in range(_WIDE):
                     whole[i, n + d, w] = phi[i, driven[d], w] * dt_s
-        for q in range(len(dry)):
-            _rubbed(moved, whole, x, of, dry[q], strengths[q], turnings[q], answers[q], phi, dt_s,
-                    discrete)  # fmt: skip
+        if len(dry) > 0:
+            _rubbed(moved, whole, x, of, dry, strengths, turnings, answers, phi, dt_s, discrete)
         _sandwich(whole, kept, cov, carried, total)
         _disturbed(cov, f, half, driven, sd, of, dt_s, discrete, total)
         for w in range(min(_WIDE, lanes - first)):
@@ -180,38 +180,56 @@ def _rubbed(
     whole: FloatArray,
     x: FloatArray,
     of: IntArray,
-    speed: int,
-    strength: FloatArray,
-    turning: FloatArray,
-    answer: FloatArray,
+    dry: IntArray,
+    strengths: FloatArray,
+    turnings: FloatArray,
+    answers: FloatArray,
     phi: FloatArray,
     dt_s: float,
     discrete: bool,
 ) -> None:
-    """Dry friction on one speed: changes states `moved` (n, W) and their slopes `whole` in place.
+    """Dry friction on some speeds: changes states `moved` (n, W) and slopes `whole` in place.
 
-    Over a sample it acts on all states as a force that is held, of the mean that it has.
+    Over a sample each acts on all states as a force that is held, of the mean that it has. Where
+    one changes the speed of another, each is asked again until all agree (Gauss and Seidel).
     """
-    n, every = moved.shape[0], whole.shape[1]
-    change = np.empty(n)
+    n, every, count = moved.shape[0], whole.shape[1], len(dry)
+    change, share, slopes = np.empty((count, n)), np.empty(count), np.empty((count, every))
     for w in range(_WIDE):
         lane = of[w]
-        for i in range(n):
-            change[i] = answer[i, lane]
-            if not discrete:
-                change[i] = 0.0
-                for j in range(n):
-                    change[i] += phi[i, j, w] * answer[j, lane] * dt_s
-        most = change[speed] * strength[lane]
-        if not most > 0.0:
-            continue
-        share, by_before, by_after = borne(x[speed, lane], moved[speed, w], most, turning[lane])
-        for j in range(every):
-            slope = by_after * whole[speed, j, w] + (by_before if j == speed else 0.0)
+        for q in range(count):
+            share[q] = 0.0
+            for j in range(every):
+                slopes[q, j] = 0.0
             for i in range(n):
-                whole[i, j, w] += change[i] * strength[lane] * slope
-        for i in range(n):
-            moved[i, w] += change[i] * strength[lane] * share
+                change[q, i] = answers[q, i, lane]
+                if not discrete:
+                    change[q, i] = 0.0
+                    for j in range(n):
+                        change[q, i] += phi[i, j, w] * answers[q, j, lane] * dt_s
+                change[q, i] *= strengths[q, lane]
+        for _ in range(_SWEEPS):
+            farthest = 0.0
+            for q in range(count):
+                speed, most = dry[q], change[q, dry[q]]
+                if not most > 0.0:
+                    continue
+                after = moved[speed, w] - most * share[q]
+                bears, by_before, by_after = borne(x[speed, lane], after, most, turnings[q, lane])
+                for j in range(every):
+                    slope = by_after * (whole[speed, j, w] - most * slopes[q, j])
+                    if j == speed:
+                        slope += by_before
+                    more = slope - slopes[q, j]
+                    slopes[q, j] = slope
+                    for i in range(n):
+                        whole[i, j, w] += change[q, i] * more
+                for i in range(n):
+                    moved[i, w] += change[q, i] * (bears - share[q])
+                farthest = max(farthest, abs(bears - share[q]))
+                share[q] = bears
+            if count == 1 or farthest < _AGREED:
+                break
 
 
 @compiled

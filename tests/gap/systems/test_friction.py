@@ -9,8 +9,11 @@ from hypothesis import strategies as st
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import Fit, Slopes, scores_of
+from wakedeploy.gap.search.judging import REFINES, fitted_base, named
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.planning.imagined import imagined
 
 MASS_KG, SPRING_N_PER_M, FRICTION_N, RATE_HZ, FINE = 2.0, 30.0, 4.0, 50, 200
 
@@ -83,3 +86,125 @@ def test_a_sled_slides_sticks_and_is_let_go_as_in_small_steps(sled, off, seed):
     position_m = in_small_steps(force_n)
     most = off * max(np.ptp(position_m), 0.1)
     assert replayed(sled(), force_n, position_m) == pytest.approx(position_m, abs=most)
+
+
+class Pair(System):
+    """Two masses, each of which what pushes the other pushes back, by 0.8."""
+
+    rate_hz = float(RATE_HZ)
+    inputs = [Input("first_n", "N"), Input("second_n", "N")]
+    states = {"first_mps": "m/s", "second_mps": "m/s"}
+    outputs = [Output("first_mps", "m/s", noise=1e-3), Output("second_mps", "m/s", noise=1e-3)]
+    ports = [Port.force(name, kinds=["coulomb-friction"]) for name in ("first_mps", "second_mps")]
+
+    def derivative(self, state, inputs, c):
+        return self.derivative_under(state, inputs, c, {})
+
+    def derivative_under(self, state, inputs, c, forces):
+        first = inputs.first_n + forces.get("first_mps", 0.0)
+        second = inputs.second_n + forces.get("second_mps", 0.0)
+        return {
+            "first_mps": first - 0.8 * second + 0.0 * state.first_mps,
+            "second_mps": second - 0.8 * first + 0.0 * state.first_mps,
+        }
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_two_that_push_each_other_both_stand_whichever_is_asked_first(order):
+    time_s = np.arange(200) / RATE_HZ
+    columns = dict.fromkeys(("first_n", "second_n"), np.ones(200))
+    columns |= dict.fromkeys(("first_mps", "second_mps"), np.zeros(200))
+    model = LogModel(Pair(), [Recording("pair", time_s, columns)])
+    names = [f"coulomb-friction@{speed}" for speed in ("first_mps", "second_mps")][::order]
+    acting = Acting(model.system, [model.library[n] for n in names], model.sizes)
+    values = {f"{n}.force": np.array([2.0]) for n in names}
+    values |= {f"{n}.turning": np.array([1e-3]) for n in names}
+    states, _ = model.filter.free_run(acting, values)
+    assert np.abs(states).max() < 1e-6
+
+
+def test_friction_of_no_strength_is_no_friction():
+    force_n = np.repeat(np.random.default_rng(1).normal(0.0, 8.0, 40), 25)
+    position_m = in_small_steps(force_n)
+    time_s = np.arange(len(force_n)) / RATE_HZ
+    columns = {"force_n": force_n, "position_m": position_m}
+    model = LogModel(Sled(), [Recording("sled", time_s, columns)])
+    free = model.free(("coulomb-friction@speed_mps",))
+    theta = np.array([f.neutral for f in free])
+    used = list(range(model.episodes))
+    with_none = scores_of(model, ("coulomb-friction@speed_mps",), theta[None], used)[0]
+    shared = [i for i, f in enumerate(free) if "coulomb" not in f.name]
+    without = scores_of(model, (), theta[None, shared], used)[0]
+    for a, b in zip(with_none, without, strict=True):
+        assert a.log_density == pytest.approx(b.log_density, abs=1e-9)
+
+
+@pytest.mark.parametrize("sled", [Sled, SteppedSled])
+def test_an_imagined_log_stands_where_the_filter_s_does(sled):
+    time_s = np.arange(400) / RATE_HZ
+    random = np.random.default_rng(0)
+    force_n = np.repeat(random.normal(0.0, 8.0, 16), 25)
+    columns = {"force_n": force_n, "position_m": in_small_steps(force_n)}
+    model = LogModel(sled(), [Recording("sled", time_s, columns)])
+    name = "coulomb-friction@speed_mps"
+    free = model.free((name,))
+    told = {f"{name}.force": FRICTION_N, f"{name}.turning": 1e-3, "noise.position_m": -20.0}
+    told |= dict.fromkeys(("force.speed_mps", "push.speed_mps"), -20.0)
+    theta = np.array([told.get(f.name, f.neutral) for f in free])
+    fitted = Fit((name,), free, (0,), theta, Slopes((), (), ()), np.zeros(1))
+    pull_n = np.concatenate([np.full(200, 0.9 * FRICTION_N), np.full(200, 2.0 * FRICTION_N)])
+    shown = imagined(model, fitted, {"force_n": pull_n[None]})["position_m"][0]
+    assert np.ptp(shown[:200]) < 1e-4
+    assert np.ptp(shown[200:]) > 0.1
+
+
+class Rubbed(System):
+    """A mass that a force pushes to and fro, of exactly known weight."""
+
+    rate_hz = float(RATE_HZ)
+    inputs = [Input("force_n", "N")]
+    states = {"speed_mps": "m/s"}
+    outputs = [Output("speed_mps", "m/s", noise=2e-3)]
+    constants = [Constant("mass_kg", MASS_KG)]
+    ports = [
+        Port.force("speed_mps", inertia="mass_kg", kinds=["coulomb-friction", "stribeck-friction"])
+    ]
+
+    def derivative(self, state, inputs, c):
+        return {"speed_mps": inputs.force_n / c.mass_kg}
+
+
+def rubbed(more_n: float) -> LogModel:
+    """Its log, with 3 N of dry friction and so much more below about 0.2 m/s."""
+    random = np.random.default_rng(4)
+    force_n = np.repeat(random.uniform(-8.0, 8.0, 100), 16)
+    v, dt, shown = 0.0, 1.0 / RATE_HZ / 50, []
+    for force in force_n:
+        shown.append(v)
+        for _ in range(50):
+            most = 3.0 + more_n * math.exp(-((v / 0.2) ** 2))
+            if v == 0.0 and abs(force) <= most:
+                break
+            further = v + (force - math.copysign(most, v if v != 0.0 else force)) / MASS_KG * dt
+            v = 0.0 if further * v < 0.0 else further
+    columns = {"force_n": force_n, "speed_mps": shown + 5e-4 * random.standard_normal(len(shown))}
+    return LogModel(Rubbed(), [Recording("made", np.arange(len(shown)) / RATE_HZ, columns)])
+
+
+@pytest.mark.whole
+def test_friction_that_falls_is_found_beside_the_friction_that_stays():
+    model = rubbed(1.5)
+    found = named(model, fitted_base(model)).found
+    assert set(found.hypothesis) == {"coulomb-friction@speed_mps", "stribeck-friction@speed_mps"}
+    assert found.value("coulomb-friction@speed_mps.force") == pytest.approx(3.0, rel=0.05)
+    assert found.value("stribeck-friction@speed_mps.force") == pytest.approx(1.5, rel=0.15)
+    assert found.value("stribeck-friction@speed_mps.speed") == pytest.approx(0.2, rel=0.1)
+
+
+@pytest.mark.whole
+def test_a_finer_friction_that_hardly_matters_to_the_gap_is_told_and_not_named():
+    """Two tenths of a newton are evident, after three have removed all but a thousandth."""
+    model = rubbed(0.2)
+    told = named(model, fitted_base(model))
+    assert told.found.hypothesis == ("coulomb-friction@speed_mps",)
+    assert [e["judged"] for e in told.rounds[-1]["ranking"]] == [REFINES]

@@ -5,7 +5,7 @@ and what still acts on the system that nothing named explains.
 
 An effect is evident if it gains more than chance on blocks that it was not fitted to, in more than
 one of them. It matters if forecasts of the blocks get better by it, each with parameters that other
-blocks prefer. Sealed blocks take no part: what is reported of them was not chosen by them. One that
+blocks prefer. Sealed blocks choose nothing; they only withdraw what they do not bear out. One that
 does not matter does not end the search: the next one is tried, and a pair with it.
 """
 
@@ -33,7 +33,7 @@ from wakedeploy.gap.search.beginnings import beginning
 from wakedeploy.gap.search.comparison import Comparison, errors, searched_on
 from wakedeploy.gap.search.extent import is_steady, profiled
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
-from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, simpler
+from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
 from wakedeploy.gap.search.weighing import (
     Weight,
@@ -211,8 +211,8 @@ def _judged(
 ) -> Verdict:
     """Why a candidate is not named, or "accepted".
 
-    `begun` and `before` are squared errors of the base and of what was found. What is the same
-    effect as a found one, with more to it, has to matter to the base's: no form is exact.
+    `begun` and `before` are squared errors of the base and of what was found. What is a finer law
+    of a friction that was found has to matter to the base's: no form is exact.
     """
     if effect.gain_nats <= chance:
         return Verdict(effect, CHANCE)
@@ -224,8 +224,8 @@ def _judged(
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif weight.matters:
         gained = weight_of(begun, squares).share - weight_of(begun, before).share
-        refines = any(elaborates(effect.name, n) for n in effect.fit.hypothesis)
-        why = REFINES if refines and gained < RULES.least_share else ACCEPTED
+        is_finer = any(refines(effect.name, n) for n in effect.fit.hypothesis)
+        why = REFINES if is_finer and gained < RULES.least_share else ACCEPTED
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
     return Verdict(effect, why, weight, squares)

@@ -32,6 +32,7 @@ _SIMPLER_KINDS = {
     "second-order-lag": ("lag", "dead-time"),
     "periodic-force": ("offset", "gravity"),
 }
+_FINER_FRICTION = ("pre-sliding-friction", "stribeck-friction")
 
 
 def ranked(
@@ -191,6 +192,11 @@ def elaborates(name: str, other: str) -> bool:
     kind, _, port = name.partition("@")
     plainer, _, there = other.partition("@")
     return port == there and plainer in _SIMPLER_KINDS.get(kind, ())
+
+
+def refines(name: str, other: str) -> bool:
+    """Whether an effect is a finer law of the friction that another is, at the same port."""
+    return elaborates(name, other) and name.partition("@")[0] in _FINER_FRICTION
 
 
 def simpler(model: Comparison, base: Fit, best: Candidate) -> Candidate:

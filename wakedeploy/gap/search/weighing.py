@@ -120,11 +120,12 @@ def is_outdone(model: Comparison, fitted: Fit) -> bool:
     if asked is None:
         return False
     sealed = model.sealed()
-    modelled = crossed(model, fitted).sum(0)
-    modelled += _stretches(model, model.disagreements(fitted, sealed)).sum(0)
-    simple = [_stretches(model, each).sum(0) for each in asked([*fitted.episodes, *sealed])]
-    least = np.min(simple, axis=0)
-    return bool(np.mean(modelled / np.where(least > 0.0, least, np.inf)) >= 1.0)
+    unseen = _stretches(model, model.disagreements(fitted, sealed))
+    modelled = np.concatenate([crossed(model, fitted), unseen])
+    asked_all = np.array([_stretches(model, each) for each in asked([*fitted.episodes, *sealed])])
+    best = np.argmin(asked_all.sum(1), axis=0)  # of each channel
+    simple = np.take_along_axis(asked_all, best[None, None], axis=0)[0]
+    return weight_of(simple, modelled).share <= 0.0
 
 
 def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:

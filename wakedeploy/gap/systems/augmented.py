@@ -23,7 +23,6 @@ BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes 
 _BUMP_WIDTH = 0.75
 _CENTRES = np.array(BUMPS)
 _FARTHEST_BUMP = 6.0  # usual sizes; no bump reaches there
-_LEAST_STRENGTH = 1e-12  # of the usual force, so that a friction of none has a turning speed, too
 FORM_SD = 0.05  # of the model-form term, as a share of the rate
 FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
 FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
@@ -49,6 +48,7 @@ class Acting:
             for role in ("input", "force", "output", "constant", "custom")
         }
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
+        self._smooth = [e for e in self._of["force"] if e not in self._dry]
         ports = dict.fromkeys(e.port.name for e in self._dry)
         self.dry = [self.states.index(name) for name in ports]  # speeds that it acts on
         self._constants = {c.name: c.value for c in system.constants}
@@ -99,27 +99,24 @@ class Acting:
         c: Point,
         values: Arrays,
         time_s: FloatArray,
-        *,
-        dry: bool = True,
     ) -> FloatArray:
         """Derivatives (k, …) of states `x` (k, …), or the next states of a discrete system.
 
-        `dry` says whether dry friction acts; for one who asks what it can bear, it does not.
+        Dry friction is left out: what it does follows from these, see `rubbed`.
         """
-        forces = self._of["force"] if dry else [e for e in self._of["force"] if e not in self._dry]
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
         own_rates: dict[str, Any] = {}
         inputs = self._arriving(inputs, named, values, own_rates)
         driven = Point("input", inputs)
-        if self.system.takes_forces and forces:
-            rates = self._loaded(forces, named, state, driven, c, values, own_rates)
+        if self.system.takes_forces and self._smooth:
+            rates = self._loaded(named, state, driven, c, values, own_rates)
         else:
             rates = self.system.rates(state, driven, c)
         base = dict(rates)
         for name in self.form:
             rates[name] = rates[name] + self._form(name, named, rates, values)
-        for effect in () if self.system.takes_forces else forces:
+        for effect in () if self.system.takes_forces else self._smooth:
             self._force(effect, named, base, inputs, c, values, rates, own_rates)
         for effect in self._of["custom"]:
             self._custom(effect, state, driven, values, time_s, rates)
@@ -139,8 +136,8 @@ class Acting:
         derivative, or of the next states. Frictions of one speed are one, as strong as all.
         """
         count, lanes = len(self.dry), x.shape[1]
-        strengths, weighted, answers = np.zeros((count, lanes)), np.zeros((count, lanes)), []
-        named = dict(zip(self.states, x[:, None], strict=True))
+        strengths, weighted = np.zeros((count, lanes)), np.zeros((count, lanes))
+        answers, named = [], dict(zip(self.states, x[:, None], strict=True))
         for q, place in enumerate(self.dry):
             alike = [e for e in self._dry if e.port.name == self.states[place]]
             for effect in alike:
@@ -150,26 +147,35 @@ class Acting:
                     effect.parameters(values),
                 )
                 assert isinstance(kind, DryFriction)
-                bears = kind.strength(at, p) + _LEAST_STRENGTH * at.sizes["force"]
-                strengths[q] += bears[0]
-                weighted[q] += (bears * kind.turning(at, p))[0]
-            answers.append(self._answer(alike[0].port, place, named, inputs, c))
-        return strengths, weighted / strengths, np.array(answers).reshape(count, *x.shape)
+                bears = kind.strength(at, p)[0]
+                strengths[q] += bears
+                weighted[q] += bears * kind.turning(at, p)[0]
+            answers.append(self._answer(alike[0].port, strengths[q], named, inputs, c))
+        turnings = weighted / np.where(strengths > 0.0, strengths, 1.0)
+        return strengths, turnings, np.array(answers).reshape(count, *x.shape)
 
     def _answer(
-        self, port: Port, place: int, named: Arrays, inputs: Arrays, c: Point
+        self, port: Port, strength: FloatArray, named: Arrays, inputs: Arrays, c: Point
     ) -> FloatArray:
         """What a unit of force at a port changes of derivatives, or of the next states (k, L)."""
-        lanes = named[port.name].shape
+        speed = named[port.name]
+        changes = np.zeros((len(self.states), *speed.shape[1:]))
+        if not strength.any():
+            return changes
         if not self.system.takes_forces:
-            changes = np.zeros((len(self.states), *lanes[1:]))
-            changes[place] = self._dt_s / (getattr(c, port.inertia) if port.inertia else 1.0)
+            inertia = getattr(c, port.inertia) if port.inertia else 1.0
+            changes[self.states.index(port.name)] = self._dt_s / inertia
             return changes
         state = Point("state", {n: named[n] for n in self.system.states})
         driven = Point("input", inputs)
-        free, pushed = (self.system.rates(state, driven, c, {port.name: f}) for f in (0.0, 1.0))
-        rises = [pushed[n] - free[n] if n in free else 0.0 for n in self.states]
-        return np.concatenate([np.broadcast_to(rise, lanes) for rise in rises])
+        # As strong as it is: the answer may depend on that where the system has limits of its own.
+        force = np.where(speed > 0.0, -1.0, 1.0) * np.where(strength > 0.0, strength, 1.0)
+        free, pushed = (
+            self.system.rates(state, driven, c, {port.name: f}) for f in (0.0 * force, force)
+        )
+        for name, rise in free.items():
+            changes[self.states.index(name)] = ((pushed[name] - rise) / force)[0]
+        return changes
 
     def readings(
         self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
@@ -250,7 +256,6 @@ class Acting:
 
     def _loaded(
         self,
-        effects: Sequence[Effect],
         named: Arrays,
         state: Point,
         driven: Point,
@@ -259,6 +264,7 @@ class Acting:
         own_rates: dict[str, Any],
     ) -> dict[str, Any]:
         """Rates of a system that distributes forces itself, under those of the effects."""
+        effects = self._smooth
         asks = any(e.kind.needs == ("inertia",) for e in effects)
         base = self.system.rates(state, driven, c) if asks else {}
         inputs = {i.name: getattr(driven, i.name) for i in self.system.inputs}

@@ -143,7 +143,7 @@ class Filter:
                       statistics[t])  # fmt: skip
             states[t] = x
             given = (u, c, spread, time_s)
-            rates = acting.rates(_around(x, aside, points), *given, dry=False)
+            rates = acting.rates(_around(x, aside, points), *given)
             stepped(x, p, rates, aside, driven, noise.white, noise.keep, noise.fresh, dt_s,
                     acting.system.has_step, dry, *acting.rubbed(x[:k], *given))  # fmt: skip
             lost = ~(np.abs(x).max(0) < _LOST)
@@ -199,7 +199,7 @@ class Filter:
             u = {n: columns[i][set_of, here][None, :] for i, n in enumerate(names)}
             c = acting.constants(spread, time_s)
             given = (u, c, spread, time_s)
-            rates = acting.rates(_around(x, aside, points), *given, dry=False)
+            rates = acting.rates(_around(x, aside, points), *given)
             stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
                     acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
@@ -234,7 +234,7 @@ class Filter:
             states.append(x[:, 0].copy())
             shown.append(acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0, 0])
             given = (u, c, spread, time_s)
-            rates = acting.rates(_around(x, aside), *given, dry=False)
+            rates = acting.rates(_around(x, aside), *given)
             stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
                     acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
         return np.array(states).T, np.array(shown).T

@@ -1,8 +1,7 @@
 """Kinds that act as a force on a state: friction, springs, drag, hysteresis and what couples.
 
 Each is written for one point and called with arrays; `at` is where the system is, `p` the
-parameters. Where a force turns with the speed, its sign is smoothed over a small share of the usual
-speed. A filter takes dry friction instead as what it is, a bound: see `physics.friction`.
+parameters. Dry friction is no force but a bound on one: see `physics.friction`.
 """
 
 from dataclasses import dataclass
@@ -30,11 +29,6 @@ class At:
     other: FloatArray  # what a coupling comes from
     own_states: tuple[FloatArray, ...]
     sizes: Any
-
-    @property
-    def sign(self) -> FloatArray:
-        """Of the speed, smoothed."""
-        return np.asarray(np.tanh(self.speed / (_STILL * self.sizes["speed"])))
 
 
 class ForceKind(Kind):
@@ -77,7 +71,7 @@ class Viscous(ForceKind):
         return np.asarray(-p["coefficient"] * at.speed)
 
 
-class DryFriction(ForceKind):
+class DryFriction(Kind):
     """Opposes a motion with its strength, and holds what stands with up to as much."""
 
     def strength(self, at: At, p: Parameters) -> FloatArray:
@@ -86,11 +80,7 @@ class DryFriction(ForceKind):
 
     def turning(self, at: At, p: Parameters) -> FloatArray:
         """The speed over which it turns, positive."""
-        return np.asarray(_STILL * at.sizes["speed"])
-
-    def force(self, at: At, p: Parameters) -> FloatArray:
-        """Against the motion; of what stands, nothing."""
-        return np.asarray(-self.strength(at, p) * np.tanh(at.speed / self.turning(at, p)))
+        return np.asarray(_STILL * at.sizes["speed"] + 0.0 * at.speed)
 
 
 class Coulomb(DryFriction):

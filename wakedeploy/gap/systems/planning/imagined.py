@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.physics.friction import rubbed
 
 _FINE = 4  # steps of a sample
 _LOST = 1e9  # a state this far away has run off
@@ -83,12 +84,30 @@ def _advanced(
         return acting.rates(at, *given)
 
     if acting.system.has_step:
-        return rates(x) + dt_s * push
+        return _rubbed(acting, x, rates(x) + dt_s * push, given, 1.0)
     h = dt_s / _FINE
     for _ in range(_FINE):
+        begun = x
         k1 = rates(x)
         k2 = rates(x + 0.5 * h * k1)
         k3 = rates(x + 0.5 * h * k2)
         k4 = rates(x + h * k3)
         x = x + h * ((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0 + push)
+        x = _rubbed(acting, begun, x, given, h)
+    return x
+
+
+def _rubbed(
+    acting: Acting, begun: FloatArray, x: FloatArray, given: tuple[Any, ...], step: float
+) -> FloatArray:
+    """States (k, L) after a step, with what dry friction has borne in it."""
+    strengths, turnings, answers = acting.rubbed(begun, *given)
+    for place, strength, turning, answer in zip(
+        acting.dry, strengths, turnings, answers, strict=True
+    ):
+        change = answer * strength * step
+        ends = rubbed(begun[place], x[place], change[place], turning)
+        rubs = change[place] > 0.0
+        share = np.where(rubs, (ends - x[place]) / np.where(rubs, change[place], 1.0), 0.0)
+        x = x + share * change
     return x
