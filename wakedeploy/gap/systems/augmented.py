@@ -165,6 +165,8 @@ class Acting:
         if not self.system.takes_forces:
             inertia = getattr(c, port.inertia) if port.inertia else 1.0
             changes[self.states.index(port.name)] = self._dt_s / inertia
+            if self.system.has_step and port.position:  # a derivative brings this by itself
+                changes[self.states.index(port.position)] = 0.5 * self._dt_s**2 / inertia
             return changes
         state = Point("state", {n: named[n] for n in self.system.states})
         driven = Point("input", inputs)

@@ -1,7 +1,8 @@
 """Logs that have not been recorded: a system simulated from its inputs, with the noise of its logs.
 
 In: a `LogModel`, a fit and inputs. Out: outputs as they would be logged. Rates are integrated in
-fine steps by Runge and Kutta's fourth order, apart from the filter that judges the logs afterwards.
+fine steps by Runge and Kutta's fourth order, apart from the filter that judges the logs afterwards;
+dry friction is held over each.
 """
 
 from collections.abc import Mapping
@@ -80,34 +81,38 @@ def _advanced(
     """States (k, L) one sample later."""
     dt_s = 1.0 / acting.system.rate_hz
 
-    def rates(at: FloatArray) -> FloatArray:
-        return acting.rates(at, *given)
+    def stepped(rub: FloatArray, h: float) -> FloatArray:
+        """A step on, friction adding `rub` (k, L) to every derivative, or next state."""
+        if acting.system.has_step:
+            return acting.rates(x, *given) + dt_s * push + rub
+        k1 = acting.rates(x, *given) + rub
+        k2 = acting.rates(x + 0.5 * h * k1, *given) + rub
+        k3 = acting.rates(x + 0.5 * h * k2, *given) + rub
+        k4 = acting.rates(x + h * k3, *given) + rub
+        return x + h * ((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0 + push)
 
-    if acting.system.has_step:
-        return _rubbed(acting, x, rates(x) + dt_s * push, given, 1.0)
-    h = dt_s / _FINE
-    for _ in range(_FINE):
-        begun = x
-        k1 = rates(x)
-        k2 = rates(x + 0.5 * h * k1)
-        k3 = rates(x + 0.5 * h * k2)
-        k4 = rates(x + h * k3)
-        x = x + h * ((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0 + push)
-        x = _rubbed(acting, begun, x, given, h)
+    h = 1.0 if acting.system.has_step else dt_s / _FINE
+    for _ in range(1 if acting.system.has_step else _FINE):
+        free = stepped(np.zeros_like(x), h)
+        rub = _rubbing(acting, x, free, given, h)
+        x = stepped(rub, h) if rub.any() else free
     return x
 
 
-def _rubbed(
-    acting: Acting, begun: FloatArray, x: FloatArray, given: tuple[Any, ...], step: float
+def _rubbing(
+    acting: Acting, begun: FloatArray, free: FloatArray, given: tuple[Any, ...], h: float
 ) -> FloatArray:
-    """States (k, L) after a step, with what dry friction has borne in it."""
+    """What dry friction adds to derivatives, or next states, (k, L) over a step from `begun`.
+
+    `free` are the states after it without friction.
+    """
+    added = np.zeros_like(begun)
     strengths, turnings, answers = acting.rubbed(begun, *given)
     for place, strength, turning, answer in zip(
         acting.dry, strengths, turnings, answers, strict=True
     ):
-        change = answer * strength * step
-        ends = rubbed(begun[place], x[place], change[place], turning)
-        rubs = change[place] > 0.0
-        share = np.where(rubs, (ends - x[place]) / np.where(rubs, change[place], 1.0), 0.0)
-        x = x + share * change
-    return x
+        after, most = free[place] + h * added[place], h * answer[place] * strength
+        rubs = most > 0.0
+        share = (rubbed(begun[place], after, most, turning) - after) / np.where(rubs, most, 1.0)
+        added += np.where(rubs, share, 0.0) * strength * answer
+    return added
