@@ -9,11 +9,21 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
-from wakedeploy.gap.search import scan, weighing
+from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.search import judging, scan, weighing
 from wakedeploy.gap.search.extent import is_steady
-from wakedeploy.gap.search.judging import UNSEEN_WORSE, fitted_base, named, verdict_of
+from wakedeploy.gap.search.judging import (
+    ACCEPTED,
+    HARDLY,
+    UNSEEN_WORSE,
+    Named,
+    fitted_base,
+    named,
+    verdict_of,
+)
 from wakedeploy.gap.search.results import answer_of
-from wakedeploy.gap.search.weighing import weight_of, without
+from wakedeploy.gap.search.rivalry import Verdict
+from wakedeploy.gap.search.weighing import Weight, is_outdone, weight_of, without
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
 from wakedeploy.physics.kalman import bumped
@@ -168,3 +178,37 @@ def test_bumps_are_gaussians():
     centres = np.array([-1.5, -0.5, 0.5, 1.5])
     each = np.exp(-0.5 * ((at[:, None] - centres[:, None]) / 0.75) ** 2)
     assert bumped(at, sizes, centres, 0.75, 6.0) == pytest.approx((sizes * each).sum(1))
+
+
+@pytest.mark.parametrize(("rival", "left"), [("c", ("b", "c")), ("d", None)])
+def test_a_class_is_narrowed_by_its_own_members_only(monkeypatch, rival, left):
+    """Beside A, of which A, B and C are the class, B is found, which has a rival."""
+    monkeypatch.setattr(judging, "settled", lambda model, fit: (fit, True))
+    monkeypatch.setattr(judging, "candidate", lambda base, name, fit: name)
+    monkeypatch.setattr(judging, "_is_something", lambda effect, chance: True)
+    for stub in ("parameters", "least_squares", "errors"):
+        monkeypatch.setattr(judging, stub, lambda *given: {})
+    fitted = SimpleNamespace(hypothesis=("a", "b"))
+    outcome = Named(None, None, [{"threshold_nats": 1.0, "ranking": []}], rivals=("a", "b", "c"))
+    best = [
+        Verdict(Candidate("b", fitted, np.ones(4)), ACCEPTED, Weight(0.5, 0.4, 0.6)),
+        Verdict(Candidate(rival, fitted, np.ones(4)), HARDLY),
+    ]
+    further = judging._with(SimpleNamespace(sealed=list), outcome, best)
+    assert (further and further.rivals) == left
+
+
+@pytest.mark.parametrize(("unseen", "runaway", "outdone"), [(1.2, 1.2, True), (0.3, 1e9, False)])
+def test_sealed_blocks_say_with_the_others_whether_no_model_forecasts_better(
+    monkeypatch, unseen, runaway, outdone
+):
+    """On blocks of its own it is as good as the last reading; one stretch may run away."""
+    monkeypatch.setattr(weighing, "crossed", lambda model, fitted: np.ones((99, 1)))
+    squares = np.repeat([*[unseen] * 98, runaway], 2) / 2.0  # two samples make a stretch
+    model = SimpleNamespace(
+        horizon=1,
+        sealed=lambda: [1],
+        disagreements=lambda fitted, episodes: [np.sqrt(squares)[None]],
+        held=lambda episodes: [[np.full((1, 198), (s / 2.0) ** 0.5)] * 2 for s in (1.0, 9.0)],
+    )
+    assert is_outdone(model, SimpleNamespace(episodes=(0,))) == outdone
