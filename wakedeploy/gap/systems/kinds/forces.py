@@ -92,7 +92,7 @@ class Coulomb(DryFriction):
     source = _ARMSTRONG
     needs = ("still",)
     parameters = (
-        Parameter("force", _FORCE, low=0.0, starts=(0.01, 0.1, 1.0)),
+        Parameter("force", _FORCE, low=0.0, starts=(0.1, 0.01, 1.0)),
         Parameter("turning", {"speed": 1}, neutral=_STILL, low=_SHARP, high=0.2,
                   starts=(_STILL, _STILL, _SHARP), step=2e-4, prior=0.05),
     )  # fmt: skip
@@ -115,7 +115,7 @@ class Stribeck(DryFriction):
     source = _ARMSTRONG
     needs = ("still",)
     parameters = (
-        Parameter("force", _FORCE, low=0.0, starts=(0.01, 0.1, 1.0)),
+        Parameter("force", _FORCE, low=0.0, starts=(0.1, 0.01, 1.0)),
         Parameter("speed", {"speed": 1}, neutral=0.3, low=0.05, high=2.0, starts=(0.3,), prior=0.5),
     )
 
