@@ -1,4 +1,4 @@
-"""Logs as recordings from Python: what a caller is told of what was handled."""
+"""Logs as recordings from Python: warnings say what was handled."""
 
 import numpy as np
 import pytest

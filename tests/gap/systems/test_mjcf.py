@@ -266,14 +266,19 @@ SENSOR = ["sensor-bias"]
 class MyArm"""
 
 
+def _lever(folder: Path, kinds: str) -> None:
+    """The lever's model and system, at 50 Hz, with few kinds of effect."""
+    (folder / "arm.xml").write_text(LEVER.format(hidden=""))
+    target = folder / "my_arm.py"
+    text = mjcf_template(folder / "arm.xml", target).replace("rate_hz = 100.0", "rate_hz = 50.0")
+    target.write_text(text.replace("\n\nclass MyArm", kinds))
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_hidden_dead_time_is_named_and_the_corrected_model_replays(tmp_path: Path) -> None:
     """MuJoCo itself replays a new log, from its commands alone, with a tenth of the error."""
-    (tmp_path / "arm.xml").write_text(LEVER.format(hidden=""))
-    target = tmp_path / "my_arm.py"
-    text = mjcf_template(tmp_path / "arm.xml", target).replace("rate_hz = 100.0", "rate_hz = 50.0")
-    target.write_text(text.replace("\n\nclass MyArm", _FEWER))
+    _lever(tmp_path, _FEWER)
     hidden = LEVER.format(hidden=' delay="0.04" nsample="21"')
     first, second = (_log(tmp_path / f"{seed}.csv", hidden, seed) for seed in (0, 1))
     command = [sys.executable, "-m", "wakedeploy", "gap", "close", "--system", "my_arm.py"]
@@ -297,11 +302,7 @@ def test_a_hidden_dead_time_is_named_and_the_corrected_model_replays(tmp_path: P
 @pytest.mark.timeout(1800)
 def test_hidden_dry_friction_is_named_with_its_size_and_no_play_beside_it(tmp_path: Path) -> None:
     """A servo that sticks follows as one with play does, unless what sticks is truly held."""
-    (tmp_path / "arm.xml").write_text(LEVER.format(hidden=""))
-    target = tmp_path / "my_arm.py"
-    text = mjcf_template(tmp_path / "arm.xml", target).replace("rate_hz = 100.0", "rate_hz = 50.0")
-    fewer = _FEWER.replace('"lag", "gain"', '"backlash"')
-    target.write_text(text.replace("\n\nclass MyArm", fewer))
+    _lever(tmp_path, _FEWER.replace('"lag", "gain"', '"backlash"'))
     hidden = LEVER.format(hidden="").replace('damping="0.05"', 'damping="0.05" frictionloss="0.2"')
     _log(tmp_path / "first.csv", hidden, 0)
     command = [sys.executable, "-m", "wakedeploy", "gap", "close", "--system", "my_arm.py"]
