@@ -22,6 +22,7 @@ from types import FrameType
 from benchmarks.fuzz.kind import Files, Kind, put
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
+RAN_OUT = "memory ran out, and was caught"
 _LONGEST = 1000  # letters of a sentence; a folder's path is one part of it
 _AGAIN_S = 0.5  # between two tries to end a reader that hangs
 
@@ -174,7 +175,7 @@ def _refusal(error: Exception, names: tuple[str, ...]) -> Verdict:
     """A sentence that holds, or what is wrong with it."""
     text, memory = str(error), _ran_out(error)
     if memory is not None:
-        return _failure(memory, "memory ran out, and was caught")
+        return _failure(memory, RAN_OUT)
     for wrong, trouble in (
         (not text.isprintable(), "sentence of several lines or with control characters"),
         (len(text) > _LONGEST, "sentence without an end"),

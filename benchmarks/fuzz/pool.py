@@ -10,6 +10,7 @@ import math
 import mmap
 import multiprocessing
 import os
+import pickle
 import resource
 import signal
 import struct
@@ -21,10 +22,11 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
-from benchmarks.fuzz.judge import Judge, Verdict
-from benchmarks.fuzz.kind import Kind
+from benchmarks.fuzz.judge import RAN_OUT, Judge, Verdict
+from benchmarks.fuzz.kind import Files, Kind
 
-MOST_MIB = 512  # of address space above what a worker begins with
+MOST_MIB = 512  # of memory above what a worker begins with
+_ROOM = 16  # times as much address space for one more reading, where address space ran out
 _BATCH_S = 2.0
 _GROWTH = 4  # times the batch before, at most: the first ones tell little of their time
 _MOST_SHARE = 30.0
@@ -253,9 +255,13 @@ class _Worker:
 
 def limit_memory() -> None:
     """Let this process take no more address space than so much above what it has."""
+    _limit_memory(MOST_MIB)
+
+
+def _limit_memory(most_mib: int) -> None:
     taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    most = taken * resource.getpagesize() + (MOST_MIB << 20)
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    most = taken * resource.getpagesize() + (most_mib << 20)
+    resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
 
 
 def _processor_s(pid: int | None) -> float:
@@ -304,9 +310,35 @@ def judged(judge: Judge, kind: Kind, seed: int, number: int) -> Verdict:
     """The verdict on one file, which is made here; what fails in making it is a failure, too."""
     try:
         sound, damaged = kind.damaged(seed, number)
-        return judge.judged(kind, sound, damaged)
+        verdict = judge.judged(kind, sound, damaged)
+        if verdict.trouble == RAN_OUT:
+            return _with_room(judge, kind, sound, damaged) or verdict
+        return verdict
     except Exception:
         return Verdict("failed", traceback.format_exc()[-4000:], "the fuzzer itself", "benchmarks")
+
+
+def _with_room(judge: Judge, kind: Kind, sound: Files, damaged: Files) -> Verdict | None:
+    """Judged where there is address space for it: None if memory was taken, or it ran out again.
+
+    A C library may ask for what a damaged header states, and refuse before it writes there: only
+    pages that were written count.
+    """
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        _limit_memory(MOST_MIB * _ROOM)
+        before_kib = _resident_kib()
+        verdict = judge.judged(kind, sound, damaged)
+        fits = _resident_kib() - before_kib <= MOST_MIB << 10
+        os.write(writing, pickle.dumps(verdict if fits else None))
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as answer:
+        found = answer.read()
+    os.waitpid(child, 0)
+    verdict = pickle.loads(found) if found else None
+    return None if verdict is None or verdict.trouble == RAN_OUT else verdict
 
 
 def unread_sound(kind: Kind) -> list[Failure]:

@@ -11,11 +11,12 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks.fuzz.judge import Judge, Verdict
+from benchmarks.fuzz.judge import RAN_OUT, Judge, Verdict
 from benchmarks.fuzz.kind import Kind
-from benchmarks.fuzz.pool import Batch, Pool, judged, unread_sound
+from benchmarks.fuzz.pool import MOST_MIB, Batch, Pool, Tally, judged, unread_sound
 from benchmarks.fuzz.smallest import smallest
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
@@ -140,6 +141,31 @@ def test_a_failing_file_is_made_small(judge: Judge) -> None:
     damaged = {"a.txt": bytes(range(200)) + b"six" + bytes(500), "b.txt": b"x"}
     verdict = judge.judged(kind, kind.sound[0], damaged)
     assert smallest(judge, kind, kind.sound[0], damaged, verdict) == {"a.txt": b"six"}
+
+
+@pytest.mark.parametrize(
+    ("reserve", "outcomes"), [(np.empty, {"refused"}), (np.ones, {"refused", "failed"})]
+)
+def test_memory_counts_that_is_written_not_what_is_asked_for(
+    reserve: Callable[[int], object], outcomes: set[str]
+) -> None:
+    def read(folder: Path) -> None:
+        try:
+            large = b"\xff" in (folder / "a.txt").read_bytes()
+            reserve((MOST_MIB + 64) << 17 if large else 1)
+        except MemoryError as error:
+            raise UnusableInput(f"{folder}: states a size that is not its own.") from error
+        raise UnusableInput(f"{folder}: is damaged, which shows further on.")
+
+    kind = kind_of(read, ways={"*": lambda draw, data, other: draw.choice((b"\xff", b"x"))})
+    tally, failures = Tally(), []
+    for outcome in Pool({"text": kind}, 0, 1).outcomes(60.0):
+        tally.join(outcome.tally)
+        failures += outcome.failures
+        if tally.files > 20:
+            break
+    assert {name for name in ("read", "refused", "failed") if getattr(tally, name)} == outcomes
+    assert {failure.verdict.trouble for failure in failures} <= {RAN_OUT}
 
 
 def test_workers_that_die_are_told_with_the_file_that_killed_them() -> None:
