@@ -273,6 +273,11 @@ def _processor_s(pid: int | None) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def _own_processor_s() -> float:
+    """The processor time of this process and of those that it started and that ended."""
+    return sum(os.times()[:4])
+
+
 def _resident_kib() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
@@ -292,7 +297,7 @@ def _work(
 def _done(judge: Judge, kind: Kind, seed: int, batch: Batch, at: mmap.mmap) -> Outcome:
     outcome = Outcome(batch)
     alike: collections.Counter[tuple[str, str]] = collections.Counter()
-    before_kib, began_s = _resident_kib(), time.process_time()
+    before_kib, began_s = _resident_kib(), _own_processor_s()
     for number in range(batch.first, batch.first + batch.count):
         at[:] = struct.pack("<q", number)
         verdict = judged(judge, kind, seed, number)
@@ -301,7 +306,7 @@ def _done(judge: Judge, kind: Kind, seed: int, batch: Batch, at: mmap.mmap) -> O
             alike[verdict.signature] += 1
             if alike[verdict.signature] <= _EXAMPLES:
                 outcome.failures.append(Failure(kind.name, number, verdict))
-    outcome.tally.seconds = time.process_time() - began_s
+    outcome.tally.seconds = _own_processor_s() - began_s
     outcome.tally.most_mib = (_resident_kib() - before_kib) / 1024
     return outcome
 

@@ -157,7 +157,9 @@ def test_a_missing_or_foreign_file_is_told(tmp_path: Path) -> None:
 
 def test_a_rig_file_is_part_of_the_plan(tmp_path: Path) -> None:
     text = '[[generate]]\nname = "a"\ndomain = "gantry"\nminutes = 1\nsettings.rig = "rig.toml"'
-    with pytest.raises(UnusableInput, match=r"rig\.toml: cannot be read as a rig file"):
+    with pytest.raises(
+        UnusableInput, match=r"plan.*, line 5: .*rig\.toml: cannot be read as a rig file"
+    ):
         read_plan(plan_file(tmp_path, text))
     (tmp_path / "rig.toml").write_text(default_rig_text(), encoding="utf-8")
     (made,) = read_plan(plan_file(tmp_path, text)).generate

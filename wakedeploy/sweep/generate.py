@@ -47,8 +47,11 @@ def checked(asked: Generate, base: Path, where: Callable[..., str]) -> Generate:
     if "rig" not in asked.settings:
         return asked
     path = base / str(asked.settings["rig"])
-    read_rig(path)
-    return dataclasses.replace(asked, rig=read_rig_text(path))
+    try:
+        read_rig(path)
+        return dataclasses.replace(asked, rig=read_rig_text(path))
+    except UnusableInput as error:
+        raise UnusableInput(f"{where('settings', 'rig')}{error}") from error
 
 
 def make(asked: Generate) -> EpisodeSet:
