@@ -2,6 +2,7 @@
 
 import datetime
 import threading
+import time
 
 import pytest
 
@@ -103,6 +104,20 @@ def test_a_section_that_is_missing_is_added_and_a_list_over_lines_is_replaced(tm
     assert read_rig(path) == after
     assert after.spool.sufferer.up_s == 0.05
     assert after.effect[0].name == "ground-effect"
+
+
+def test_a_list_over_very_many_lines_is_replaced_in_time(rig_file):
+    """The time must not grow with their square."""
+    text = rig_file.read_text()
+    rig_file.write_text(text.replace("thrust_n = [0.0, ", "thrust_n = [" + 40_000 * "\n" + "0.0, "))
+    thrust = default_rig().thrust.sufferer.thrust_n
+    began_s = time.process_time()
+    after, kept = update_rig(
+        rig_file, {"thrust.sufferer.thrust_n": Calibrated(thrust, 0.03, "N")}, DATE
+    )
+    assert time.process_time() - began_s < 5.0
+    assert not kept
+    assert read_rig(rig_file) == after
 
 
 def test_an_unusual_file_is_written_anew_and_that_is_told(tmp_path):

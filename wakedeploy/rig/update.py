@@ -16,6 +16,7 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.rig.file import parse_rig, read_rig_text
 
 _DIGITS = 6
+_LONGEST = 4000  # letters of a value that is replaced in its place
 
 
 @dataclass(frozen=True)
@@ -97,9 +98,14 @@ def _with_constant(text: str, name: str, inline: str) -> str:
 
 
 def _extent(lines: list[str], at: int) -> tuple[int, str]:
-    """The last line of the value that begins at line `at`, and the comment behind it."""
+    """The last line of the value that begins at line `at`, and the comment behind it.
+
+    Of one that goes on for ever, the first line: what comes of it is then no rig file.
+    """
     for last in range(at, len(lines)):
         whole = "\n".join(lines[at : last + 1])
+        if len(whole) > _LONGEST:
+            break
         if not _is_toml(whole):
             continue
         marks = [i for i, letter in enumerate(lines[last]) if letter == "#"]
