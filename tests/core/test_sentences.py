@@ -36,3 +36,13 @@ def test_a_line_that_is_nested_too_deeply_counts_as_torn(tmp_path) -> None:
     path = tmp_path / "lines.jsonl"
     path.write_text(f'{{"a": 1}}\n{"[" * DEEP}\n{{"a": 2}}\n')
     assert read_json_lines(path) == [{"a": 1}, {"a": 2}]
+
+
+@pytest.mark.parametrize("part", ["a", "\x00", "\x1b[31m", "\U000e0001", "word "])
+def test_a_sentence_is_short_whatever_a_file_has_put_into_it(part: str) -> None:
+    """What is shown of a letter that no terminal has is ten times as long."""
+    said = str(UnusableInput(f"plan.csv: the columns are {part * 5000}; give others."))
+    assert len(said) < 900
+    assert said.isprintable()
+    assert said.startswith("plan.csv: the columns are ")
+    assert said.endswith("; give others.")

@@ -62,9 +62,11 @@ def one_line(error: BaseException) -> str:
 def shown(text: str) -> str:
     """A text on one line, without control characters; one that is too long loses its middle."""
     plain = " ".join(text.split())
-    if len(plain) > _HEAD + _TAIL:
-        plain = f"{plain[:_HEAD]} … {plain[-_TAIL:]}"
-    return printable(plain)
+    for _ in range(2):  # what is not printable gets longer, and what is long takes time to make so
+        if len(plain) > _HEAD + _TAIL:
+            plain = f"{plain[:_HEAD]} … {plain[-_TAIL:]}"
+        plain = printable(plain)
+    return plain
 
 
 def printable(text: str) -> str:
