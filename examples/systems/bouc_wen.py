@@ -7,7 +7,8 @@ class BoucWen(System):
     """The simulated benchmark of Noël and Schoukens (2016), without the force that remembers."""
 
     rate_hz = 750.0
-    inputs = [Input("force_n", "N", hold="linear")]
+    steps = 4
+    inputs = [Input("force_n", "N", hold="bandlimited")]
     states = {"position_m": "m", "speed_mps": "m/s"}
     outputs = [Output("position_m", "m", noise=1e-5)]
     constants = [

@@ -76,7 +76,7 @@ def check(
     Example:
         wakedeploy gap check my_robot.py --measured log.csv
     """
-    from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
+    from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows, step_notes
     from wakedeploy.gap.wording import counted
 
     chosen = [path for path in (system_file, system_path) if path is not None]
@@ -88,7 +88,8 @@ def check(
         f"{model.name}: {counted(len(model.logs), 'log')}, {samples} samples at "
         f"{model.system.rate_hz:g} Hz, {model.episodes} blocks, {len(model.library)} effects"
     )
-    for note in column_notes(model):
+    notes = column_notes(model)
+    for note in notes:
         click.echo(f"  {note}")
     with stages() as progress:
         progress("fitting the noise")
@@ -97,6 +98,9 @@ def check(
         sensitivities = rows(
             model, base, lambda done, of: progress("moving constants and effects", done, of)
         )
+    for note in step_notes(model, base):
+        click.echo(f"  {note}")
+        notes.append(note)
     print_table(
         "Could these logs show it? No ranking, no answer: what each would move, in standard "
         "deviations of the prediction errors",
@@ -104,9 +108,7 @@ def check(
         [[r.name, _share(r.moved), _share(r.left), ", ".join(r.like)] for r in sensitivities],
     )
     if json_path:
-        write_json(
-            json_path, {"rows": [vars(r) for r in sensitivities], "notes": column_notes(model)}
-        )
+        write_json(json_path, {"rows": [vars(r) for r in sensitivities], "notes": notes})
 
 
 def _share(value: float) -> str:

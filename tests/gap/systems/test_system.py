@@ -97,6 +97,8 @@ def test_a_sound_system_passes():
             r"spread of 0\.1, 500 times its value.*10 % of it are 2e-05",
         ),
         ({"rate_hz": 0.0}, "rate_hz"),
+        ({"steps": 0}, "steps is 0; give a whole number from 1 to 64"),
+        ({"inputs": [Input("force_n", "N", hold="cubic")]}, "holds 'cubic', not"),
         ({"step": lambda s, state, u, c: {}}, "both of `derivative` and `step`"),
         ({"inputs": [Input("speed_mps", "m/s")]}, "an input and a state"),
     ],

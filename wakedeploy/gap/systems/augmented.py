@@ -52,19 +52,16 @@ class Acting:
         ports = dict.fromkeys(e.port.name for e in self._dry)
         self.dry = [self.states.index(name) for name in ports]  # speeds that it acts on
         self._constants = {c.name: c.value for c in system.constants}
-        self._held = {i.name: i.hold for i in system.inputs}
 
-    def column(self, name: str, logged: FloatArray, values: Arrays, dt_s: float) -> FloatArray:
-        """What of a logged input (n,) reaches the system in each sample, under scalar values."""
-        column = logged
+    def column(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
+        """What of an input's means (n,) over the steps reaches the system, under scalar values."""
+        column, step_s = driving, self.system.step_s
         for effect in self._of["input"]:
             if effect.port.name == name:
                 kind = effect.kind
                 assert isinstance(kind, InputKind)
-                column = kind.filtered(column, effect.parameters(values), dt_s)
-        if self._held[name] == "linear":
-            column = 0.5 * (column + np.append(column[1:], column[-1]))
-        return shifted(column, float(values.get(f"clock.{name}", 0.0)) / dt_s)
+                column = kind.filtered(column, effect.parameters(values), step_s)
+        return shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
 
     def depends(self, name: str) -> tuple[str, ...]:
         """The parameters that change an input's column."""
@@ -141,11 +138,8 @@ class Acting:
         for q, place in enumerate(self.dry):
             alike = [e for e in self._dry if e.port.name == self.states[place]]
             for effect in alike:
-                kind, at, p = (
-                    effect.kind,
-                    self._at(effect, named, inputs),
-                    effect.parameters(values),
-                )
+                kind, at = effect.kind, self._at(effect, named, inputs)
+                p = effect.parameters(values)
                 assert isinstance(kind, DryFriction)
                 bears = kind.strength(at, p)[0]
                 strengths[q] += bears

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.between import between
+from wakedeploy.gap.systems.system import Input, System
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -28,11 +29,15 @@ _RATE_TOLERANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A recording at the system's rate: inputs (i, n), outputs (m, n), NaN where not measured."""
+    """A recording at the system's rate: inputs (i, n), outputs (m, n), NaN where not measured.
+
+    `driving` (i, n · steps) are the inputs' means over every step of the model.
+    """
 
     name: str
     inputs: FloatArray
     outputs: FloatArray
+    driving: FloatArray
 
 
 @dataclass(frozen=True)
@@ -82,16 +87,35 @@ def _log(system: System, recording: Recording) -> Log:
             f"did not last {lasts_s:.4g} s, the time's unit is wrong."
         )
     n = len(recording.time_s) // every
-    inputs = [
-        _input(recording, i.name)[: n * every].reshape(n, every).mean(1) for i in system.inputs
-    ]
+    driving = [_driving(system, i, _input(recording, i.name)[: n * every], every)
+               for i in system.inputs]  # fmt: skip
+    inputs = [row.reshape(n, system.steps).mean(1) for row in driving]
     outputs = [_column(recording, o.name)[: n * every : every] for o in system.outputs]
     for output, values in zip(system.outputs, outputs, strict=True):
         if np.isfinite(values).sum() < 2:
             raise UnusableInput(
                 f"{recording.name}: output {output.name!r} has no measured samples."
             )
-    return Log(recording.name, np.array(inputs).reshape(len(inputs), n), np.array(outputs))
+    return Log(
+        recording.name,
+        np.array(inputs).reshape(len(inputs), n),
+        np.array(outputs),
+        np.array(driving).reshape(len(inputs), n * system.steps),
+    )
+
+
+def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:
+    """An input's means over the model's steps, of `every` rows in a sample."""
+    finer, left = divmod(system.steps, every)
+    if finer and not left:
+        return between(rows, stated.hold, finer)
+    coarser, left = divmod(every, system.steps)
+    if left:
+        raise UnusableInput(
+            f"{system.name}.steps = {system.steps}, and a sample has {every} rows; give a divisor "
+            "or a multiple of that."
+        )
+    return np.asarray(between(rows, stated.hold, 1).reshape(-1, coarser).mean(1))
 
 
 def _column(recording: Recording, name: str) -> FloatArray:

@@ -8,6 +8,7 @@ arrays that the user's functions are called with (after Kristensen, Madsen and J
 Automatica 40, 2004, whose estimates are those of an extended Kalman filter, too).
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -64,20 +65,21 @@ class Noise:
     fresh: FloatArray
 
     @classmethod
-    def of(
-        cls, system: System, driven: Sequence[str], values: Mapping[str, FloatArray], dt_s: float
-    ) -> "Noise":
-        """From parameters by name, (1, L) each."""
+    def of(cls, system: System, driven: Sequence[str], values: Mapping[str, FloatArray]) -> "Noise":
+        """From parameters by name, (1, L) each: of one of the model's steps.
+
+        White noise is stated by the sd of its mean over a sample; that over a step is larger.
+        """
         lanes = next(iter(values.values())).shape[1]
 
         def rows(prefix: str) -> FloatArray:
             found = [np.exp(values[f"{prefix}.{n}"][0]) for n in driven]
             return np.array(found).reshape(len(driven), lanes)
 
-        lasting, keep = rows("push"), np.exp(-dt_s / rows("lasting"))
+        lasting, keep = rows("push"), np.exp(-system.step_s / rows("lasting"))
         sensor = np.array([np.exp(2 * values[f"noise.{o.name}"][0]) for o in system.outputs])
         fresh = lasting * np.sqrt(1.0 - keep**2)
-        return cls(sensor, rows("force"), lasting, keep, fresh)
+        return cls(sensor, system.steps**0.5 * rows("force"), lasting, keep, fresh)
 
 
 class Filter:
@@ -95,6 +97,7 @@ class Filter:
         self.driven, self.outliers = tuple(driven), outliers
         self._offset = np.cumsum([0, *(log.outputs.shape[1] for log in logs)])
         self._inputs = np.concatenate([log.inputs for log in logs], axis=1)
+        self._driving = np.concatenate([log.driving for log in logs], axis=1)
         self._outputs = np.concatenate([log.outputs for log in logs], axis=1)
         self._states = np.concatenate([s.states for s in starts], axis=1)
 
@@ -115,8 +118,8 @@ class Filter:
         spread = {n: np.repeat(v, parts)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         logged = self._outputs if outputs is None else outputs
-        dt_s = 1.0 / acting.system.rate_hz
-        noise = Noise.of(acting.system, self.driven, spread, dt_s)
+        dt_s, steps, step_s = 1.0 / acting.system.rate_hz, acting.system.steps, acting.system.step_s
+        noise = Noise.of(acting.system, self.driven, spread)
         x, p = self._begin(acting, at[0], count, noise)
         for name, sd in self._unsettled(acting, values, pieces).items():
             place = acting.states.index(name)
@@ -135,6 +138,7 @@ class Filter:
         measured = np.tile(measured, (1, 1, count))
         for t, here in enumerate(at):
             time_s = times[t][None, :]
+            here = steps * here
             u = {n: columns[i][:, here].reshape(1, lanes) for i, n in enumerate(names)}
             if not timeless:
                 c = acting.constants(spread, time_s)
@@ -142,10 +146,13 @@ class Filter:
             corrected(x, p, shown, aside, measured[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
                       statistics[t])  # fmt: skip
             states[t] = x
-            given = (u, c, spread, time_s)
-            rates = acting.rates(_around(x, aside, points), *given)
-            stepped(x, p, rates, aside, driven, noise.white, noise.keep, noise.fresh, dt_s,
-                    acting.system.has_step, dry, *acting.rubbed(x[:k], *given))  # fmt: skip
+            for j in range(steps):
+                if j:
+                    u = {n: columns[i][:, here + j].reshape(1, lanes) for i, n in enumerate(names)}
+                given = (u, c, spread, time_s)
+                rates = acting.rates(_around(x, aside, points), *given)
+                stepped(x, p, rates, aside, driven, noise.white, noise.keep, noise.fresh, step_s,
+                        acting.system.has_step, dry, *acting.rubbed(x[:k], *given))  # fmt: skip
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():
                 x[:, lost], p[:, :, lost] = 0.0, 0.0
@@ -186,7 +193,7 @@ class Filter:
         p = np.zeros((len(x), len(x), lanes))
         aside, points = self._aside(acting, lanes), np.empty((len(x), len(x) + 1, lanes))
         nothing = np.zeros((0, lanes))
-        dt_s = 1.0 / acting.system.rate_hz
+        dt_s, steps, step_s = 1.0 / acting.system.rate_hz, acting.system.steps, acting.system.step_s
         names = [i.name for i in acting.system.inputs]
         none, dry = np.zeros(0, dtype=np.int64), np.array(acting.dry, dtype=np.int64)
         last = len(run.states) - 1
@@ -194,20 +201,21 @@ class Filter:
         for step in range(horizon):
             t = np.minimum(t0 + step, last)
             sample = run.pieces.sample[t, s0]
-            here = sample + self._offset[run.pieces.log[s0]]
+            here = steps * (sample + self._offset[run.pieces.log[s0]])
             time_s = (sample * dt_s)[None, :]
-            u = {n: columns[i][set_of, here][None, :] for i, n in enumerate(names)}
             c = acting.constants(spread, time_s)
-            given = (u, c, spread, time_s)
-            rates = acting.rates(_around(x, aside, points), *given)
-            stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
-                    acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
+            for j in range(steps):
+                u = {n: columns[i][set_of, here + j][None, :] for i, n in enumerate(names)}
+                given = (u, c, spread, time_s)
+                rates = acting.rates(_around(x, aside, points), *given)
+                stepped(x, p, rates, aside, none, nothing, nothing, nothing, step_s,
+                        acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
             t = t0 + step + 1
             inside = (t <= last) & run.pieces.scored[np.minimum(t, last), s0]
             sample = run.pieces.sample[np.minimum(t, last), s0]
             here = sample + self._offset[run.pieces.log[s0]]
-            u = {n: columns[i][set_of, here][None, :] for i, n in enumerate(names)}
+            u = {n: columns[i][set_of, steps * here][None, :] for i, n in enumerate(names)}
             shown = acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0]
             error = self._outputs[:, here] - shown
             for block in range(len(episodes)):
@@ -224,25 +232,61 @@ class Filter:
         spread |= acting.formed(spread)
         x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1, None)
         aside, dt_s = self._aside(acting, 1), 1.0 / acting.system.rate_hz
+        steps, step_s = acting.system.steps, acting.system.step_s
         none, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
         dry = np.array(acting.dry, dtype=np.int64)
         states, shown = [], []
         for t in range(self.logs[0].outputs.shape[1]):
             time_s = np.full((1, 1), t * dt_s)
-            u = {i.name: columns[j][:, t : t + 1] for j, i in enumerate(acting.system.inputs)}
             c = acting.constants(spread, time_s)
             states.append(x[:, 0].copy())
-            shown.append(acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0, 0])
-            given = (u, c, spread, time_s)
-            rates = acting.rates(_around(x, aside), *given)
-            stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
-                    acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
+            for j in range(steps):
+                here = slice(steps * t + j, steps * t + j + 1)
+                u = {i.name: columns[n][:, here] for n, i in enumerate(acting.system.inputs)}
+                if not j:
+                    shown.append(acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0, 0])
+                given = (u, c, spread, time_s)
+                rates = acting.rates(_around(x, aside), *given)
+                stepped(x, p, rates, aside, none, nothing, nothing, nothing, step_s,
+                        acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
         return np.array(states).T, np.array(shown).T
 
+    def advanced(
+        self,
+        acting: Acting,
+        values: Mapping[str, FloatArray],
+        at: IntArray,
+        samples: int,
+        finer: int = 1,
+    ) -> FloatArray:
+        """Readings (m, S) some samples after those at the places `at` (S,), from guessed states.
+
+        Each of the model's steps is taken in `finer` ones, the inputs held over them all.
+        """  # fmt: skip
+        columns, lanes = self._columns(acting, values), len(at)
+        spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
+        spread |= acting.formed(spread)
+        x, p = self._begin(acting, at, 1, None)
+        aside, dt_s = self._aside(acting, lanes), 1.0 / acting.system.rate_hz
+        none, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, lanes))
+        dry = np.array(acting.dry, dtype=np.int64)
+        names = [i.name for i in acting.system.inputs]
+        for step in range(samples * acting.system.steps):
+            here = acting.system.steps * at + step
+            time_s = (here * dt_s / acting.system.steps)[None, :]
+            u = {n: columns[i][:1, here] for i, n in enumerate(names)}
+            given = (u, acting.constants(spread, time_s), spread, time_s)
+            for _ in range(finer):
+                rates = acting.rates(_around(x, aside), *given)
+                stepped(x, p, rates, aside, none, nothing, nothing, nothing,
+                        acting.system.step_s / finer, acting.system.has_step, dry,
+                        *acting.rubbed(x, *given))  # fmt: skip
+        return acting.readings(x[:, None, :], *given)[:, 0]
+
     def _columns(self, acting: Acting, values: Mapping[str, FloatArray]) -> list[FloatArray]:
-        """Every input as it reaches the system, (K, N)."""
+        """Every input as it reaches the system in each of the model's steps, (K, N · steps)."""
         count = len(next(iter(values.values())))
-        dt_s = 1.0 / acting.system.rate_hz
+        ends = acting.system.steps * self._offset
         result = []
         for i, stated in enumerate(acting.system.inputs):
             names = [n for n in acting.depends(stated.name) if n in values]
@@ -253,8 +297,8 @@ class Filter:
                 if key not in known:
                     parameters = dict(zip(names, key, strict=True))
                     known[key] = np.concatenate([
-                        acting.column(stated.name, self._inputs[i, a:b], parameters, dt_s)
-                        for a, b in zip(self._offset[:-1], self._offset[1:], strict=True)
+                        acting.column(stated.name, self._driving[i, a:b], parameters)
+                        for a, b in itertools.pairwise(ends)
                     ])  # fmt: skip
                 rows.append(known[key])
             result.append(np.array(rows))

@@ -40,7 +40,10 @@ def _key(model: LogModel) -> str:
     """A hash of the rules, the logs, and of what the system states and its functions compute."""
     digest = hashlib.sha256()
     system = model.system
-    stated = (system.rate_hz, system.inputs, system.states, system.outputs, system.constants)
+    stated = (
+        system.rate_hz, system.steps, system.inputs, system.states, system.outputs,
+        system.constants,
+    )  # fmt: skip
     digest.update(repr((RULES, system.name, stated, sorted(model.library))).encode())
     for log in model.logs:
         digest.update(log.name.encode())

@@ -5,6 +5,7 @@ has none), an effect to its first start; how far is in standard deviations of th
 all samples together, and what is left of that where everything else may follow.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,9 +18,11 @@ from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.search.looking import Ground, look
 from wakedeploy.gap.systems.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.system import MOST_STEPS
 from wakedeploy.gap.wording import counted, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
+_AHEAD, _FINER, _PLACES = 10, 4, 1000  # samples on, steps for one, places that are tried
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
 
 
@@ -90,6 +93,32 @@ def column_notes(model: LogModel) -> list[str]:
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
+    return notes
+
+
+def step_notes(model: LogModel, base: Fit) -> list[str]:
+    """Outputs that finer steps of the model would move by more than their sensor's noise."""
+    if model.system.has_step:
+        return []
+    n = model.logs[0].outputs.shape[1]
+    at = np.unique(np.linspace(0, max(n - 1 - _AHEAD, 0), _PLACES).astype(np.int64))
+    acting = model.acting(())
+    values = {name: np.array([v]) for name, v in model.values((), base.theta).items()}
+    with np.errstate(all="ignore"):
+        coarse, fine = (model.filter.advanced(acting, values, at, _AHEAD, k) for k in (1, _FINER))
+    notes = []
+    for output, errors in zip(model.system.outputs, fine - coarse, strict=True):
+        off = float(np.sqrt(np.nanmean(errors**2)))
+        noise = float(np.exp(base.value(f"noise.{output.name}")))
+        if off > noise:
+            # A step's error falls with its square; a power of two is most likely to fit the rows.
+            wanted = model.system.steps * math.sqrt(2.0 * off / noise)
+            steps = min(2 ** math.ceil(math.log2(wanted)), MOST_STEPS)
+            notes.append(
+                f"{output.name}: the model's steps are too coarse; over {_AHEAD} samples they are "
+                f"off by {off:.2g} {output.unit}, {off / noise:.2g} times its noise. State `steps ="
+                f" {steps}`, or a higher `rate_hz`."
+            )
     return notes
 
 

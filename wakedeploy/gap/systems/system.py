@@ -27,7 +27,8 @@ _System = TypeVar("_System", bound="System")
 FloatArray = npt.NDArray[np.float64]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
 
-_HOLDS = ("step", "linear")
+HOLDS = ("step", "linear", "bandlimited")
+MOST_STEPS = 64
 _TOOK_ARRAYS = re.compile(r"truth value of an array|scalar arrays|0-dimensional arrays")
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
 _WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
@@ -38,10 +39,11 @@ class Input:
     """A logged column that drives the system.
 
     `hold` says what the input does between two samples: "step" keeps the older one, as a digital
-    controller does; "linear" goes straight to the next, as a sampled signal does. `unit` is one of
-    the project's, "" for none; a log's column (T,) is converted to it. `low` and `high` are limits
-    that `gap plan` keeps to, without them those of the logs. A name or a unit that is not known and
-    limits in the wrong order raise UnusableInput when the system is loaded.
+    controller does; "linear" goes straight to the next, as a sampled signal does;
+    "bandlimited" is for one that was filtered before it was sampled, as by most recorders. `unit`
+    is one of the project's, "" for none; a log's column (T,) is converted to it. `low` and `high`
+    are limits that `gap plan` keeps to, without them those of the logs. A name or a unit that is
+    not known and limits in the wrong order raise UnusableInput when the system is loaded.
     """
 
     name: str
@@ -181,6 +183,8 @@ class System:
     it is called with the first measured values and returns states by name.
     `derivative_under(state, inputs, c, forces)` is for a mechanism in which a force at one state's
     port moves others too; `forces` are by the ports' states, and without it a force moves its own.
+    `steps` are those of the model within a sample, which a system needs that is fast against
+    `rate_hz`; inputs are then taken between the samples, as they hold.
     `process_noise` and `start_spread` override the library's guesses for states, by name; a
     process noise of 0 is none, and stays none. `outlier_share` of the samples may be outliers,
     `forecast_s` is how far ahead a forecast has to be right for an effect to matter.
@@ -199,6 +203,7 @@ class System:
     start_spread: ClassVar[Mapping[str, float]] = {}
     outlier_share: ClassVar[float] = 0.0
     forecast_s: ClassVar[float | None] = None
+    steps: ClassVar[int] = 1
 
     correction: "Correction | None" = None
 
@@ -243,6 +248,11 @@ class System:
     def has_step(self) -> bool:
         """Whether the model is discrete."""
         return hasattr(self, "step")
+
+    @property
+    def step_s(self) -> float:
+        """How long one of the model's steps is."""
+        return 1.0 / (self.rate_hz * self.steps)
 
     @property
     def takes_forces(self) -> bool:
@@ -352,6 +362,15 @@ def _check_statements(system: System) -> None:
             raise UnusableInput(f"{system.name}: no `{attribute}`; state it in the class.")
     if not (isinstance(system.rate_hz, (int, float)) and 0.0 < system.rate_hz < math.inf):
         raise UnusableInput(f"{system.name}.rate_hz is {system.rate_hz!r}; give samples a second.")
+    if not (isinstance(system.steps, int) and 1 <= system.steps <= MOST_STEPS):
+        raise UnusableInput(
+            f"{system.name}.steps is {system.steps!r}; give a whole number from 1 to {MOST_STEPS}."
+        )
+    if system.has_step and system.steps > 1:
+        raise UnusableInput(
+            f"{system.name} has a `step` of its own, a sample long; leave out `steps`, or write a "
+            "`derivative`."
+        )
     for attribute, kind in (("inputs", Input), ("outputs", Output), ("constants", Constant)):
         for each in getattr(system, attribute):
             if not isinstance(each, kind):
@@ -385,8 +404,8 @@ def _check_names(system: System) -> None:
                 f"{system.name}: input {i.name!r} has the limits {i.low} and {i.high}; give the "
                 "lower one first."
             )
-        if i.hold not in _HOLDS:
-            raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {_HOLDS}.")
+        if i.hold not in HOLDS:
+            raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {HOLDS}.")
     for o in system.outputs:
         if o.noise is not None and not 0.0 <= o.noise < math.inf:
             raise UnusableInput(

@@ -11,7 +11,7 @@ class CLASS(System):
     """A mass that a motor pushes: m a = k u."""
 
     rate_hz = 100.0  # samples a second at which it is compared; divides that of the logs
-    inputs = [Input("voltage_v", "V")]  # logged; hold="linear" for a sampled signal
+    inputs = [Input("voltage_v", "V")]  # logged; hold="bandlimited" for a recorder's own signal
     states = {"position_m": "m", "speed_mps": "m/s"}
     outputs = [Output("position_m", "m", noise=1e-4)]  # logged; a sensor's sd, roughly
     constants = [

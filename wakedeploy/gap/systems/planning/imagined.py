@@ -13,10 +13,11 @@ from scipy.signal import lfilter
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
+from wakedeploy.gap.systems.between import between
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.physics.friction import rubbed
 
-_FINE = 4  # steps of a sample
+_FINE = 4  # steps of one of the model's
 _LOST = 1e9  # a state this far away has run off
 
 
@@ -31,8 +32,11 @@ def imagined(
     acting = model.acting(fitted.hypothesis)
     values = model.values(fitted.hypothesis, fitted.theta)
     random = np.random.default_rng(seed)
-    driven = {n: np.array([acting.column(n, row, values, model.dt_s) for row in rows])
-              for n, rows in columns.items()}  # fmt: skip
+    steps, hold = model.system.steps, {i.name: i.hold for i in model.system.inputs}
+    driven = {
+        n: np.array([acting.column(n, between(row, hold[n], steps), values) for row in rows])
+        for n, rows in columns.items()
+    }
     lanes, count = next(iter(columns.values())).shape
     pushes = _pushes(model, acting, values, count, random)
     noise = np.array([np.exp(values[f"noise.{o.name}"]) for o in model.system.outputs])
@@ -48,10 +52,13 @@ def imagined(
         for t in range(count):
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
             time_s = np.full(lanes, t * model.dt_s)
-            u = {n: rows[:, t] for n, rows in driven.items()}
-            given = (u, acting.constants(spread, time_s), spread, time_s)
-            shown[:, :, t] = acting.readings(x, *given)
-            x = _advanced(acting, x, given, pushes[:, t : t + 1])
+            c = acting.constants(spread, time_s)
+            for j in range(steps):
+                u = {n: rows[:, steps * t + j] for n, rows in driven.items()}
+                given = (u, c, spread, time_s)
+                if not j:
+                    shown[:, :, t] = acting.readings(x, *given)
+                x = _advanced(acting, x, given, pushes[:, t : t + 1])
     shown += noise[:, None, None] * random.standard_normal((len(noise), 1, count))
     return {o.name: shown[i] for i, o in enumerate(model.system.outputs)}
 
@@ -78,20 +85,20 @@ def _pushes(
 def _advanced(
     acting: Acting, x: FloatArray, given: tuple[Any, ...], push: FloatArray
 ) -> FloatArray:
-    """States (k, L) one sample later."""
-    dt_s = 1.0 / acting.system.rate_hz
+    """States (k, L) one of the model's steps later."""
+    step_s = acting.system.step_s
 
     def stepped(rub: FloatArray, h: float) -> FloatArray:
         """A step on, friction adding `rub` (k, L) to every derivative, or next state."""
         if acting.system.has_step:
-            return acting.rates(x, *given) + dt_s * push + rub
+            return acting.rates(x, *given) + step_s * push + rub
         k1 = acting.rates(x, *given) + rub
         k2 = acting.rates(x + 0.5 * h * k1, *given) + rub
         k3 = acting.rates(x + 0.5 * h * k2, *given) + rub
         k4 = acting.rates(x + h * k3, *given) + rub
         return x + h * ((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0 + push)
 
-    h = 1.0 if acting.system.has_step else dt_s / _FINE
+    h = 1.0 if acting.system.has_step else step_s / _FINE
     for _ in range(1 if acting.system.has_step else _FINE):
         free = stepped(np.zeros_like(x), h)
         rub = _rubbing(acting, x, free, given, h)

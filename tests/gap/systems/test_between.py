@@ -1,0 +1,134 @@
+"""What an input does between samples, and steps within one: against solutions by SciPy."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.search.comparison import errors
+from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.systems.between import between
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.sensitivity import checked_base, step_notes
+from wakedeploy.gap.systems.system import checked
+
+RATE = 100.0
+TONES = np.array([[1.0, 3.1, 0.3], [0.8, 9.7, 1.1], [0.7, 14.2, 2.0], [0.5, 23.0, 0.7]])
+# amplitude, frequency [Hz], phase [rad]; the system swings at 12 Hz
+
+
+class Hard(System):
+    """A spring that hardens, sampled eight times a swing."""
+
+    rate_hz = RATE
+    inputs = [Input("push_n", "N", hold="bandlimited")]
+    states = {"position_m": "m", "speed_mps": "m/s"}
+    outputs = [Output("position_m", "m", noise=1e-4)]
+    constants = [
+        Constant("stiffness", 5700.0, spread=600.0, unit="1/s²"),
+        Constant("damping", 6.0, spread=3.0, unit="1/s"),
+        Constant("cubic", 2e6, spread=1e6, unit="1/s²/m²"),
+    ]
+    ports = [Port.force("speed_mps", position="position_m")]
+
+    def derivative(self, state, inputs, c):
+        back = c.stiffness * state.position_m + c.cubic * state.position_m**3
+        rate = 60.0 * inputs.push_n - back - c.damping * state.speed_mps
+        return {"position_m": state.speed_mps, "speed_mps": rate}
+
+
+def push_n(time_s):
+    amplitude, frequency_hz, phase = TONES.T[:, :, None]
+    waves = amplitude * np.sin(2.0 * np.pi * frequency_hz * np.atleast_1d(time_s) + phase)
+    return waves.sum(0)
+
+
+def swung(seconds=8.0, force=push_n, noise_m=1e-4, rate_hz=RATE):
+    """The spring by an integrator of high order, its input as it is at every moment."""
+
+    def slope(t, y):
+        rate = 60.0 * force(t)[0] - 5700.0 * y[0] - 2e6 * y[0] ** 3 - 6.0 * y[1]
+        return [y[1], rate]
+
+    time_s = np.arange(0.0, seconds, 1.0 / rate_hz)
+    x = solve_ivp(slope, (0.0, seconds), [0.0, 0.0], "DOP853", time_s, rtol=1e-9, atol=1e-12).y[0]
+    shown = x + noise_m * np.random.default_rng(0).standard_normal(len(x))
+    return Recording("swung", time_s, {"push_n": force(time_s), "position_m": shown})
+
+
+def variant(**changes):
+    return checked(type("Hard", (Hard,), changes)())
+
+
+@pytest.mark.parametrize(
+    ("hold", "steps", "off"),
+    [("bandlimited", 4, 2e-4), ("bandlimited", 1, 2e-4), ("linear", 4, 0.3)],
+)
+def test_values_between_samples_are_those_of_the_signal(hold, steps, off):
+    time_s = np.arange(400) / RATE
+    middles = (np.arange(400 * steps) + 0.5) / RATE / steps
+    inside = slice(30 * steps, -30 * steps)
+    found = between(push_n(time_s), hold, steps)
+    assert np.abs(found - push_n(middles))[inside].max() < off
+
+
+def test_a_step_is_kept_and_a_constant_stays_what_it_is():
+    held = between(np.array([1.0, -2.0, 3.0]), "step", 2)
+    assert held.tolist() == [1.0, 1.0, -2.0, -2.0, 3.0, 3.0]
+    for hold in ("step", "linear", "bandlimited"):
+        assert between(np.full(50, 7.0), hold, 3) == pytest.approx(np.full(150, 7.0), abs=1e-3)
+
+
+def test_a_replay_in_fine_steps_is_that_of_an_integrator():
+    recording = swung(noise_m=0.0)
+    truth = recording.columns["position_m"]
+    swing = np.sqrt(np.mean(truth**2))
+
+    def off(**changes):
+        replay = variant(**changes).simulate(recording)["position_m"]
+        return np.sqrt(np.mean((replay - truth)[100:] ** 2)) / swing
+
+    assert off(steps=8) < 0.02
+    assert off(steps=16) < off(steps=4)
+    assert off(inputs=[Input("push_n", "N")]) > 0.5  # held, it comes half a sample late
+
+
+def test_rows_that_are_finer_than_the_rate_are_the_inputs_of_its_steps():
+    """What a controller holds for a step is what acts in that step."""
+    values = np.random.default_rng(3).standard_normal(4800)
+
+    def held(time_s):
+        return values[np.minimum((np.atleast_1d(time_s) * 4 * RATE + 1e-9).astype(int), 4799)]
+
+    recording = swung(2.0, held, 0.0, 4 * RATE)
+    truth = recording.columns["position_m"][::4]
+    replay = variant(steps=8, inputs=[Input("push_n", "N")]).simulate(recording)["position_m"]
+    assert np.std((replay - truth)[100:]) < 0.05 * np.std(truth)
+    with pytest.raises(UnusableInput, match="steps = 3, and a sample has 4 rows"):
+        LogModel(variant(steps=3), [recording])
+
+
+def test_constants_come_out_true_where_a_held_input_bends_them():
+    recording = swung()
+    model = LogModel(variant(steps=4), [recording])
+    base = fitted_base(model)
+    truth = {"stiffness": 5700.0, "damping": 6.0, "cubic": 2e6}
+    for name, value in truth.items():
+        assert base.value(f"constant.{name}") == pytest.approx(value, rel=0.02)
+    (error_m,) = errors(model, base, model.sealed())
+    coarse = LogModel(variant(), [recording])
+    (coarse_m,) = errors(coarse, fitted_base(coarse), coarse.sealed())
+    assert error_m < 0.3 * coarse_m
+
+
+def test_a_check_says_where_steps_are_too_coarse():
+    recording = swung(seconds=4.0)
+    coarse, fine = (LogModel(variant(steps=k), [recording]) for k in (1, 8))
+    (note,) = step_notes(coarse, checked_base(coarse))
+    assert "position_m: the model's steps are too coarse" in note
+    assert re.search(r"State `steps = (4|8)`", note)
+    assert step_notes(fine, checked_base(fine)) == []
