@@ -326,7 +326,7 @@ class Filter:
         return found
 
     def _begin(
-        self, acting: Acting, at: FloatArray, count: int, noise: "Noise | None"
+        self, acting: Acting, at: IntArray, count: int, noise: "Noise | None"
     ) -> tuple[FloatArray, FloatArray]:
         """States and covariances at the first sample of every lane, lasting pushes after them."""
         states = self._states[:, at]  # (n, S)
