@@ -164,7 +164,8 @@ def _of_other_type(draw: random.Random, array: np.ndarray[Any, Any]) -> np.ndarr
 def _of_other_shape(draw: random.Random, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     ways = (
         lambda a: a.T, lambda a: a.ravel(), lambda a: a[..., None], lambda a: a[None],
-        lambda a: a[:1], lambda a: a[:0], lambda a: a[: len(a) // 2], lambda a: a.ravel()[0],
+        lambda a: a[:1], lambda a: a[:0], lambda a: a[: len(a) // 2],
+        lambda a: a.ravel()[0] if a.size else a,
         lambda a: np.concatenate([a, a]), lambda a: a[::-1], lambda a: np.asfortranarray(a),
         lambda a: np.repeat(a, 2, axis=-1),
     )  # fmt: skip
