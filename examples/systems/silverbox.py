@@ -7,7 +7,7 @@ class Silverbox(System):
     """The Silverbox of Wigren and Schoukens (2013), without its cubic spring."""
 
     rate_hz = 610.3515625
-    steps = 4
+    steps = 2
     inputs = [Input("input_v", "V", hold="bandlimited")]
     states = {"output_v": "V", "slope_v_per_s": "V/s"}
     outputs = [Output("output_v", "V", noise=3e-4)]

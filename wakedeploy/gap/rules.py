@@ -24,6 +24,8 @@ class Rules:
         class_nats: Rivals within this of the best cannot be told from it: odds of 1 to 20.
         most_in_class: More rivals than these are no class; the answer is then unknown.
         least_share: Share of the squared error of forecasts that an effect removes to matter.
+        least_of_gap: Share of the squared error that there was at first which a further effect
+            removes to matter.
         simpler_share: Share of the best's gain that a simpler effect needs to be named instead.
         unexplained_share: An effect that is not named and removes more than this share of the
             squared error shows that something unknown is missing.
@@ -43,6 +45,7 @@ class Rules:
     class_nats: float = 3.0
     most_in_class: int = 3
     least_share: float = 0.01
+    least_of_gap: float = 0.001
     simpler_share: float = 0.8
     unexplained_share: float = 0.1
     surely_share: float = 0.5

@@ -53,6 +53,7 @@ WORSE = "forecasts get worse"
 UNSEEN_WORSE = "forecasts of sealed episodes get no better"
 HARDLY = "evident, but forecasts hardly change"
 REFINES = "it only refines what was found"
+TRIFLE = "a trifle of the gap that there was"
 ACCEPTED = "accepted"
 
 
@@ -211,8 +212,9 @@ def _judged(
 ) -> Verdict:
     """Why a candidate is not named, or "accepted".
 
-    `begun` and `before` are squared errors of the base and of what was found. What is a finer law
-    of a friction that was found has to matter to the base's: no form is exact.
+    `begun` and `before` are squared errors of the base and of what was found. A further effect has
+    to matter to the base's, the more so a finer law of a friction that was found: no form is exact,
+    and beside what closed nearly all of a gap every trifle is a large share of the rest.
     """
     if effect.gain_nats <= chance:
         return Verdict(effect, CHANCE)
@@ -225,7 +227,9 @@ def _judged(
     elif weight.matters:
         gained = weight_of(begun, squares).share - weight_of(begun, before).share
         is_finer = any(refines(effect.name, n) for n in effect.fit.hypothesis)
-        why = REFINES if is_finer and gained < RULES.least_share else ACCEPTED
+        why = TRIFLE if gained < RULES.least_of_gap else ACCEPTED
+        if is_finer and gained < RULES.least_share:
+            why = REFINES
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
     return Verdict(effect, why, weight, squares)
