@@ -6,7 +6,7 @@ of every recording. Out: a row of plain numbers.
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -71,20 +71,33 @@ def system_of(case: Case, part: str) -> System:
 
 
 def fuller(cls: type[System], added: Added) -> type[System]:
-    """The same system with further constants, states and terms of its rates."""
+    """The same system with further constants, states, friction, and terms of its rates."""
 
     def derivative(self: System, state: Any, inputs: Any, c: Any) -> dict[str, Any]:
         rates = dict(cls.derivative(self, state, inputs, c))  # type: ignore[attr-defined]
-        for name, term in added.terms(state, inputs, c).items():
-            rates[name] = rates.get(name, 0.0) + term
-        return rates
+        return _sum(rates, added.terms(state, inputs, c))
+
+    def derivative_under(
+        self: System, state: Any, inputs: Any, c: Any, forces: Mapping[str, Any]
+    ) -> Any:
+        forces = _sum(forces, added.terms(state, inputs, c))
+        return cls.derivative_under(self, state, inputs, c, forces)  # type: ignore[attr-defined]
 
     stated = {
         "constants": [*cls.constants, *added.constants],
-        "states": {**cls.states, **dict(added.states)},
-        "derivative": derivative,
+        "states": {**cls.states, **added.states},
+        "ports": [
+            replace(port, friction=added.friction.get(port.name, port.friction))
+            for port in cls.ports
+        ],
     }
-    return type(cls.__name__, (cls,), stated)
+    if hasattr(cls, "derivative_under"):  # which its derivative calls, too
+        return type(cls.__name__, (cls,), stated | {"derivative_under": derivative_under})
+    return type(cls.__name__, (cls,), stated | {"derivative": derivative})
+
+
+def _sum(values: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    return {**values, **{name: values.get(name, 0.0) + more[name] for name in more}}
 
 
 def recordings_of(case: Case, part: str) -> list[Recording]:

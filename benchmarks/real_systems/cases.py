@@ -6,7 +6,7 @@ The last two were added when the filter had got its lasting pushes, before any r
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,11 +19,16 @@ Terms = Callable[[Any, Any, Any], Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Added:
-    """What the literature names, built in: `terms(state, inputs, c)` are added to the rates."""
+    """What the literature names, built in: `terms(state, inputs, c)` are added to the rates.
+
+    Of a system with a `derivative_under` they are added to the forces at its ports. `friction` says
+    at which states' ports dry friction acts, and which constant is its strength.
+    """
 
     constants: tuple[Constant, ...]
     terms: Terms
-    states: Mapping[str, str] = ()  # type: ignore[assignment]  # an empty one may be shared
+    states: Mapping[str, str] = field(default_factory=dict)
+    friction: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,8 @@ def _finer_friction(port: str) -> tuple[str, ...]:
     return f"stribeck-friction@{port}", f"pre-sliding-friction@{port}", f"offset@{port}"
 
 
-def _rubbing(speed: str, inertia: str, still: float, torque: tuple[float, str]) -> Added:
-    """Coulomb's and viscous friction; signs turn over a speed of `still`."""
+def _rubbing(speed: str, inertia: str, torque: tuple[float, str]) -> Added:
+    """Coulomb's and viscous friction."""
     size, unit = torque
     constants = (
         Constant("coulomb", size, spread=INF, unit=unit),
@@ -66,11 +71,9 @@ def _rubbing(speed: str, inertia: str, still: float, torque: tuple[float, str]) 
     )
 
     def terms(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
-        v = getattr(state, speed)
-        force = -c.coulomb * np.tanh(v / still) - c.viscous * v
-        return {speed: force / getattr(c, inertia)}
+        return {speed: -c.viscous * getattr(state, speed) / getattr(c, inertia)}
 
-    return Added(constants, terms)
+    return Added(constants, terms, friction={speed: "coulomb"})
 
 
 def _overflowing(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
@@ -102,22 +105,14 @@ def _pushed(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
 
 
 def _stopped(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
-    contact = -c.contact_per_s2 * np.maximum(state.height - c.surface, 0.0)
-    return {"speed_per_s": contact - c.dry_per_s2 * np.tanh(state.speed_per_s / 0.5)}
+    return {"speed_per_s": -c.contact_per_s2 * np.maximum(state.height - c.surface, 0.0)}
 
 
 def _both_rubbing(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
-    """Friction torques of both joints, through the arm's mass matrix."""
-    cosine = np.cos(state.angle_2_rad)
-    m22 = c.inertia_2_kgm2
-    m12 = m22 + c.between_kgm2 * cosine
-    m11 = c.inertia_1_kgm2 + m22 + 2.0 * c.between_kgm2 * cosine
-    first = -c.coulomb_1 * np.tanh(state.speed_1_radps / 0.1) - c.viscous_1 * state.speed_1_radps
-    second = -c.coulomb_2 * np.tanh(state.speed_2_radps / 0.1) - c.viscous_2 * state.speed_2_radps
-    share = m11 * m22 - m12**2
+    """Viscous torques of both joints."""
     return {
-        "speed_1_radps": (m22 * first - m12 * second) / share,
-        "speed_2_radps": (m11 * second - m12 * first) / share,
+        "speed_1_radps": -c.viscous_1 * state.speed_1_radps,
+        "speed_2_radps": -c.viscous_2 * state.speed_2_radps,
     }
 
 
@@ -143,7 +138,7 @@ CASES = (
         _friction("speed_mps"), "Janot, Gautier and Brunot (2019)",
         (*_finer_friction("speed_mps"), "bias@voltage_v", "asymmetry@voltage_v",
          "offset@speed_mps"),
-        _rubbing("speed_mps", "mass_kg", 2e-3, (20.0, "N")), rate_hz=125.0,
+        _rubbing("speed_mps", "mass_kg", (20.0, "N")), rate_hz=125.0,
     ),
     Case(
         "cascaded tanks", "cascaded_tanks.py", "cascaded_tanks.toml",
@@ -175,7 +170,7 @@ CASES = (
         "torque_limited_simple_pendulum (DFKI), parameter files",
         (*_finer_friction("speed_radps"), "dead-time@torque_nm", "lag@torque_nm",
          "sensor-dead-time@angle_rad"),
-        _rubbing("speed_radps", "inertia_kgm2", 0.1, (0.1, "N m")),
+        _rubbing("speed_radps", "inertia_kgm2", (0.1, "N m")),
     ),
     Case(
         "pendulum, energy shaping", "pendulum.py", "pendulum.toml",
@@ -183,7 +178,7 @@ CASES = (
         "torque_limited_simple_pendulum (DFKI), parameter files",
         (*_finer_friction("speed_radps"), "dead-time@torque_nm", "lag@torque_nm",
          "sensor-dead-time@angle_rad"),
-        _rubbing("speed_radps", "inertia_kgm2", 0.1, (0.1, "N m")),
+        _rubbing("speed_radps", "inertia_kgm2", (0.1, "N m")),
     ),
     Case(
         "Bouc–Wen oscillator (simulated)", "bouc_wen.py", "bouc_wen.toml",
@@ -211,7 +206,7 @@ CASES = (
         Added(
             (Constant("contact_per_s2", 1e4, INF), Constant("surface", 15.0, 5.0),
              Constant("dry_per_s2", 100.0, INF)),
-            _stopped,
+            _stopped, friction={"speed_per_s": "dry_per_s2"},
         ),
         rate_hz=200.0,
     ),
@@ -242,6 +237,7 @@ CASES = (
             tuple(Constant(f"{kind}_{i}", 0.05, INF) for kind in ("coulomb", "viscous")
                   for i in (1, 2)),
             _both_rubbing,
+            friction={f"speed_{i}_radps": f"coulomb_{i}" for i in (1, 2)},
         ),
     ),
     Case(

@@ -29,22 +29,28 @@ class DoublePendulum(System):
     ports = [
         Port.input("torque_1_nm"),
         Port.input("torque_2_nm"),
-        Port.force("speed_1_radps", position="angle_1_rad", unit="rad/s²"),
-        Port.force("speed_2_radps", position="angle_2_rad", unit="rad/s²"),
+        Port.force("speed_1_radps", position="angle_1_rad", unit="N m"),
+        Port.force("speed_2_radps", position="angle_2_rad", unit="N m"),
     ]
 
     def derivative(self, state, inputs, c):
+        return self.derivative_under(state, inputs, c, {})
+
+    def derivative_under(self, state, inputs, c, forces):
+        """A torque at one joint moves both."""
         cosine, sine = np.cos(state.angle_2_rad), np.sin(state.angle_2_rad)
         m22 = c.inertia_2_kgm2
         m12 = m22 + c.between_kgm2 * cosine
         m11 = c.inertia_1_kgm2 + m22 + 2.0 * c.between_kgm2 * cosine
         turning = c.between_kgm2 * sine
         lower = c.weight_2_nm * np.sin(state.angle_1_rad + state.angle_2_rad)
-        first = inputs.torque_1_nm - c.weight_1_nm * np.sin(state.angle_1_rad) - lower
+        first = inputs.torque_1_nm + forces.get("speed_1_radps", 0.0)
+        first = first - c.weight_1_nm * np.sin(state.angle_1_rad) - lower
         first = first + turning * state.speed_2_radps * (
             2.0 * state.speed_1_radps + state.speed_2_radps
         )
-        second = inputs.torque_2_nm - lower - turning * state.speed_1_radps**2
+        second = inputs.torque_2_nm + forces.get("speed_2_radps", 0.0)
+        second = second - lower - turning * state.speed_1_radps**2
         share = m11 * m22 - m12**2
         return {
             "angle_1_rad": state.speed_1_radps,

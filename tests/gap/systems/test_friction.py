@@ -91,6 +91,41 @@ def test_a_sled_slides_sticks_and_is_let_go_as_in_small_steps(sled, off, seed):
     assert replayed(sled(), force_n, position_m) == pytest.approx(position_m, abs=most)
 
 
+def knowing(sled, friction_n=FRICTION_N, spread=0.0):
+    """The same sled, whose own model has the friction."""
+    port = Port.force(
+        "speed_mps", inertia="mass_kg", position="position_m", friction="friction_n",
+        kinds=["coulomb-friction", "offset", "viscous-friction"],
+    )  # fmt: skip
+    constants = [*Sled.constants, Constant("friction_n", friction_n, spread=spread)]
+    return type(sled.__name__, (sled,), {"constants": constants, "ports": [port]})()
+
+
+@pytest.mark.parametrize("sled", [Sled, SteppedSled])
+@given(seed=st.integers(0, 2**31))
+@settings(max_examples=10)
+def test_friction_that_a_model_knows_of_acts_as_in_small_steps(sled, seed):
+    force_n = np.repeat(np.random.default_rng(seed).normal(0.0, 8.0, 16), 25)
+    position_m = in_small_steps(force_n)
+    columns = {"force_n": force_n, "position_m": position_m}
+    recording = Recording("sled", np.arange(len(force_n)) / RATE_HZ, columns)
+    most = 0.02 * max(np.ptp(position_m), 0.1)
+    replay = knowing(sled).simulate(recording)["position_m"]
+    assert replay == pytest.approx(position_m, abs=most)
+
+
+def test_the_size_of_a_known_friction_is_fitted_and_no_other_is_named():
+    random = np.random.default_rng(5)
+    force_n = np.repeat(random.normal(0.0, 8.0, 80), 12)
+    position_m = in_small_steps(force_n) + 1e-3 * random.standard_normal(len(force_n))
+    columns = {"force_n": force_n, "position_m": position_m}
+    recording = Recording("sled", np.arange(len(force_n)) / RATE_HZ, columns)
+    model = LogModel(knowing(Sled, friction_n=2.5, spread=2.0), [recording])
+    base = fitted_base(model)
+    assert base.value("constant.friction_n") == pytest.approx(FRICTION_N, rel=0.05)
+    assert named(model, base).found.hypothesis == ()
+
+
 class Pair(System):
     """Two masses, each of which what pushes the other pushes back, by 0.8."""
 

@@ -4,13 +4,13 @@ In: a `System`, effects of its library, and values of constants and parameters. 
 user's, then the effects' own. Arrays are (…, L): lanes last, points beside the state before them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import FloatArray
-from wakedeploy.gap.systems.kinds.forces import At, DryFriction, ForceKind
+from wakedeploy.gap.systems.kinds.forces import AT_ONCE, At, DryFriction, ForceKind
 from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind
@@ -49,7 +49,8 @@ class Acting:
         }
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
         self._smooth = [e for e in self._of["force"] if e not in self._dry]
-        ports = dict.fromkeys(e.port.name for e in self._dry)
+        self._known = {p.name: p for p in system.ports if p.friction}
+        ports = dict.fromkeys([*self._known, *(e.port.name for e in self._dry)])
         self.dry = [self.states.index(name) for name in ports]  # speeds that it acts on
         self._constants = {c.name: c.value for c in system.constants}
 
@@ -137,16 +138,34 @@ class Acting:
         answers, named = [], dict(zip(self.states, x[:, None], strict=True))
         for q, place in enumerate(self.dry):
             alike = [e for e in self._dry if e.port.name == self.states[place]]
-            for effect in alike:
-                kind, at = effect.kind, self._at(effect, named, inputs)
-                p = effect.parameters(values)
-                assert isinstance(kind, DryFriction)
-                bears = kind.strength(at, p)[0]
+            for bears, turning in self._strengths(
+                self.states[place], alike, named, inputs, c, values
+            ):
                 strengths[q] += bears
-                weighted[q] += bears * kind.turning(at, p)[0]
-            answers.append(self._answer(alike[0].port, strengths[q], named, inputs, c))
+                weighted[q] += bears * turning
+            port = self._known.get(self.states[place]) or alike[0].port
+            answers.append(self._answer(port, strengths[q], named, inputs, c))
         turnings = weighted / np.where(strengths > 0.0, strengths, 1.0)
         return strengths, turnings, np.array(answers).reshape(count, *x.shape)
+
+    def _strengths(
+        self,
+        name: str,
+        alike: Sequence[Effect],
+        named: Arrays,
+        inputs: Arrays,
+        c: Point,
+        values: Arrays,
+    ) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """What each friction at a speed bears, and the speeds over which it turns, (L,) each."""
+        port, still = self._known.get(name), 0.0 * named[name]
+        if port is not None:
+            strength = np.maximum(getattr(c, port.friction) + still, 0.0)
+            yield strength[0], (AT_ONCE * self.sizes[name] + still)[0]
+        for effect in alike:
+            kind, at, p = effect.kind, self._at(effect, named, inputs), effect.parameters(values)
+            assert isinstance(kind, DryFriction)
+            yield kind.strength(at, p)[0], kind.turning(at, p)[0]
 
     def _answer(
         self, port: Port, strength: FloatArray, named: Arrays, inputs: Arrays, c: Point

@@ -114,6 +114,7 @@ class Port:
     height: str = ""
     unit: str = ""
     kinds: tuple[str, ...] = ()
+    friction: str = ""
     function: Increments | None = field(default=None, compare=False)
     parameters: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
 
@@ -131,13 +132,16 @@ class Port:
         height: str = "",
         unit: str = "",
         kinds: Sequence[str] = (),
+        friction: str = "",
     ) -> "Port":
         """At the derivative of the state `speed`: a force over the constant `inertia`.
 
         Without an inertia an effect is an acceleration. `position` is the state whose derivative
-        the speed is; `height` one that is the height above ground.
+        the speed is; `height` one that is the height above ground. `friction` names the constant
+        that is the dry friction which the model knows of: it acts there beside the derivative, and
+        holds what stands, which no function of the speed can do.
         """
-        return cls("force", speed, inertia, position, height, unit, tuple(kinds))
+        return cls("force", speed, inertia, position, height, unit, tuple(kinds), friction)
 
     @classmethod
     def output(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
@@ -443,7 +447,7 @@ def _check_ports(system: System) -> None:
         if not isinstance(port, Port):
             raise UnusableInput(f"{system.name}.ports has {port!r}; write Port.input(name), ….")
         wanted = [(port.role, port.name)] if port.role in known else []
-        wanted += [("constant", port.inertia)] if port.inertia else []
+        wanted += [("constant", n) for n in (port.inertia, port.friction) if n]
         wanted += [("force", n) for n in (port.position, port.height) if n]
         for role, name in wanted:
             if name not in known[role]:

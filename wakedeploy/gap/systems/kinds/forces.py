@@ -12,7 +12,7 @@ import numpy as np
 from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters
 
 _STILL = 0.02  # share of the usual speed over which a sign turns
-_SHARP = 0.005  # the same of friction that turns at once
+AT_ONCE = 0.005  # the same of friction that turns at once
 _FORCE = {"force": 1}
 _ARMSTRONG = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994"
 _MECHANICS = "Landau and Lifshitz, Mechanics, 1976"
@@ -93,8 +93,8 @@ class Coulomb(DryFriction):
     needs = ("still",)
     parameters = (
         Parameter("force", _FORCE, low=0.0, starts=(0.1, 0.01, 1.0)),
-        Parameter("turning", {"speed": 1}, neutral=_STILL, low=_SHARP, high=0.2,
-                  starts=(_STILL, _STILL, _SHARP), step=2e-4, prior=0.05),
+        Parameter("turning", {"speed": 1}, neutral=_STILL, low=AT_ONCE, high=0.2,
+                  starts=(_STILL, _STILL, AT_ONCE), step=2e-4, prior=0.05),
     )  # fmt: skip
 
     def strength(self, at: At, p: Parameters) -> FloatArray:
@@ -155,7 +155,7 @@ class QuadraticDrag(ForceKind):
     phrase = "drag of a fluid on {port}"
     equation = "−k v |v|"
     source = "Batchelor, An Introduction to Fluid Dynamics, 1967"
-    parameters = (Parameter("coefficient", {"force": 1, "speed": -2}),)
+    parameters = (Parameter("coefficient", {"force": 1, "speed": -2}, low=0.0),)
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """Against the motion."""
