@@ -115,7 +115,9 @@ def test_a_channel_without_an_error_decides_nothing(monkeypatch):
     assert weighing.helps(None, "before", "after", ())
     rms["after"][2] = 2.1  # although its cut share says that it helps
     assert not weighing.helps(None, "before", "after", ())
-    likely["after"] = 4.0  # the samples say more than so few forecasts do
+    likely["after"] = 4.0
+    assert not weighing.helps(None, "before", "after", ())  # no evidence outweighs that
+    rms["after"][2] = 2.004  # as good: the samples say more than so few forecasts do
     assert weighing.helps(None, "before", "after", ())
     monkeypatch.setattr(weighing, "weighed", lambda *_: weighing.Weight(-0.5, -0.9, -0.1))
     assert not weighing.helps(None, "before", "after", ())  # forecasts are clearly worse

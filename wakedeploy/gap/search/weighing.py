@@ -47,24 +47,22 @@ def helps(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -
     """Whether blocks that neither fit has seen bear an effect out.
 
     They do where forecasts get better on average, also where none of them is cut short. Where the
-    forecasts of so few blocks differ by no more than their scatter, the likelihood of all their
-    samples decides.
+    forecasts are as good with it as without it, the likelihood of all their samples decides.
     """
-    weight = weighed(model, before, after, episodes)
-    if _forecasts_better(model, before, after, episodes, weight):
+    weight, worse = weighed(model, before, after, episodes), _worse(model, before, after, episodes)
+    if weight.share > 0.0 and worse < 0.0:
         return True
-    gained = [applied(model, fitted, episodes).log_likelihood for fitted in (before, after)]
-    return weight.high > 0.0 and gained[1] - gained[0] > RULES.speaks_nats
-
-
-def _forecasts_better(
-    model: Comparison, before: Fit, after: Fit, episodes: Sequence[int], weight: Weight
-) -> bool:
-    if weight.share <= 0.0:
+    if weight.high <= 0.0 or worse > RULES.least_share:
         return False
+    gained = [applied(model, fitted, episodes).log_likelihood for fitted in (before, after)]
+    return gained[1] - gained[0] > RULES.speaks_nats
+
+
+def _worse(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> float:
+    """By which share of itself a channel's squared error grows, on average; below 0 it falls."""
     was, now = (np.square(errors(model, fitted, episodes)) for fitted in (before, after))
     erring = was > 0.0  # not of a channel that nothing forecasts, or that is always right
-    return not erring.any() or float(np.mean(now[erring] / was[erring])) < 1.0
+    return float(np.mean(now[erring] / was[erring])) - 1.0 if erring.any() else -1.0
 
 
 def cross_weighed(model: Comparison, before: FloatArray, after: Fit) -> Weight:
