@@ -26,7 +26,7 @@ from benchmarks.fuzz.judge import RAN_OUT, Judge, Verdict
 from benchmarks.fuzz.kind import Files, Kind
 
 MOST_MIB = 512  # of memory above what a worker begins with
-_ROOM = 16  # times as much address space for one more reading, where address space ran out
+_ROOM = 4  # times as much address space for one more reading, where address space ran out
 _BATCH_S = 2.0
 _GROWTH = 4  # times the batch before, at most: the first ones tell little of their time
 _MOST_SHARE = 30.0
@@ -332,12 +332,16 @@ def _with_room(judge: Judge, kind: Kind, sound: Files, damaged: Files) -> Verdic
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
-        _limit_memory(MOST_MIB * _ROOM)
-        before_kib = _resident_kib()
-        verdict = judge.judged(kind, sound, damaged)
-        fits = _resident_kib() - before_kib <= MOST_MIB << 10
-        os.write(writing, pickle.dumps(verdict if fits else None))
-        os._exit(0)
+        try:
+            _limit_memory(MOST_MIB * _ROOM)
+            spent_s = math.ceil(time.process_time() + _SILENT_S)
+            resource.setrlimit(resource.RLIMIT_CPU, (spent_s, spent_s))
+            before_kib = _resident_kib()
+            verdict = judge.judged(kind, sound, damaged)
+            fits = _resident_kib() - before_kib <= MOST_MIB << 10
+            os.write(writing, pickle.dumps(verdict if fits else None))
+        finally:
+            os._exit(0)  # whatever happens, this is no second worker
     os.close(writing)
     with os.fdopen(reading, "rb") as answer:
         found = answer.read()

@@ -34,6 +34,7 @@ from wakedeploy.gap.systems.system import System, checked
 
 DEGREE, THRESHOLD = 3, 0.05  # of the polynomial library; share of the largest rate
 LAYERS = (32, 32)
+_FINE = 4  # midpoint steps for one of the system's
 _MOST_TRIES = 8  # of the least-squares fit, each with slopes by every constant
 Learnt = Callable[[FloatArray], FloatArray]
 
@@ -104,30 +105,34 @@ def corrections(model: LogModel, base: Fit) -> tuple[FloatArray, FloatArray]:
     for s in range(pieces.sample.shape[1]):
         inside = np.flatnonzero(pieces.scored[:-1, s] & pieces.scored[1:, s])
         states = run.states[:, :count, 0, s]
-        inputs = model.logs[pieces.log[s]].inputs[:, pieces.sample[inside, s]]
+        log, at = model.logs[pieces.log[s]], pieces.sample[inside, s]
+        inputs, steps = log.inputs[:, at], model.system.steps
+        driving = [log.driving[:, steps * at + j] for j in range(steps)]
         now, later = states[inside].T, states[inside + 1].T
-        predicted = now + model.dt_s * _rates(model, now, inputs, c)
+        predicted = _advanced(model, now, driving, c)
         points.append(np.vstack([now, inputs]).T)
         lacking.append(((later - predicted) / model.dt_s)[driven].T)
     return np.concatenate(points), np.concatenate(lacking)
 
 
-def _rates(model: LogModel, states: FloatArray, inputs: FloatArray, c: Any) -> FloatArray:
-    """The system's mean rates over a sample from states (n, N), by a midpoint step."""
-    system = model.system
-    u = system.point("input", dict(zip([i.name for i in system.inputs], inputs, strict=True)))
+def _advanced(
+    model: LogModel, states: FloatArray, driving: Sequence[FloatArray], c: Any
+) -> FloatArray:
+    """The system's states (n, N) a sample later, its inputs (i, N) for each of its steps."""
+    system, x, h = model.system, states, model.system.step_s / _FINE
 
-    def at(x: FloatArray) -> FloatArray:
-        rates_by_state = system.rates(
-            system.point("state", dict(zip(system.states, x, strict=True))), u, c
-        )
-        rates = np.array(
-            [np.broadcast_to(np.squeeze(v), x.shape[1:]) for v in rates_by_state.values()]
-        )
-        return (rates - x) / model.dt_s if system.has_step else rates
+    def rates(x: FloatArray, inputs: FloatArray) -> FloatArray:
+        named = dict(zip([i.name for i in system.inputs], inputs, strict=True))
+        state = system.point("state", dict(zip(system.states, x, strict=True)))
+        found = system.rates(state, system.point("input", named), c)
+        return np.array([np.broadcast_to(np.squeeze(v), x.shape[1:]) for v in found.values()])
 
-    first = at(states)
-    return first if system.has_step else at(states + 0.5 * model.dt_s * first)
+    for inputs in driving:
+        if system.has_step:
+            return rates(x, inputs)
+        for _ in range(_FINE):
+            x = x + h * rates(x + 0.5 * h * rates(x, inputs), inputs)
+    return x
 
 
 def _sindy(points: FloatArray, rates: FloatArray) -> Learnt:

@@ -8,6 +8,7 @@ from benchmarks import downwash_estimates, records, tuned
 from benchmarks.hidden_effects.page import markdown_of
 from benchmarks.hidden_effects.table import summary
 from benchmarks.results import (
+    between,
     comparison,
     compiled,
     effects,
@@ -113,6 +114,7 @@ CHAPTERS: dict[str, Chapter] = {  # by the name of the page in docs/results/
         (
             gap_domains.domains,
             *_of_record(real_systems.RECORD, real_systems.named),
+            *_of_record(between.RECORD, between.compared),
             *_of_record(known_plants.RECORD, known_plants.counted),
             *_of_record(comparison.RECORD, comparison.compared),
             *_of_record(so101.RECORD, so101.joints),

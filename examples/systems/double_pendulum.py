@@ -29,8 +29,8 @@ class DoublePendulum(System):
     ports = [
         Port.input("torque_1_nm"),
         Port.input("torque_2_nm"),
-        Port.force("speed_1_radps", position="angle_1_rad", unit="N m"),
-        Port.force("speed_2_radps", position="angle_2_rad", unit="N m"),
+        Port.force("speed_1_radps", inertia="inertia_1_kgm2", position="angle_1_rad"),
+        Port.force("speed_2_radps", inertia="inertia_2_kgm2", position="angle_2_rad"),
     ]
 
     def derivative(self, state, inputs, c):

@@ -125,10 +125,65 @@ def test_constants_come_out_true_where_a_held_input_bends_them():
     assert error_m < 0.3 * coarse_m
 
 
-def test_a_check_says_where_steps_are_too_coarse():
+def test_a_check_says_where_steps_are_too_coarse_and_how_many_will_do():
     recording = swung(seconds=4.0)
-    coarse, fine = (LogModel(variant(steps=k), [recording]) for k in (1, 8))
+    coarse = LogModel(variant(), [recording])
     (note,) = step_notes(coarse, checked_base(coarse))
     assert "position_m: the model's steps are too coarse" in note
-    assert re.search(r"State `steps = (4|8)`", note)
+    steps = int(re.search(r"State `steps = (\d+)`", note)[1])
+    fine = LogModel(variant(steps=steps), [recording])
     assert step_notes(fine, checked_base(fine)) == []
+
+
+def test_what_is_too_short_to_look_ahead_in_has_no_note():
+    short = swung(seconds=0.08)
+    model = LogModel(variant(), [short])
+    assert step_notes(model, checked_base(model)) == []
+
+
+def test_steps_that_are_recommended_fit_the_rows_of_a_sample():
+    model = LogModel(variant(), [swung(seconds=2.0, rate_hz=5 * RATE)])
+    (note,) = step_notes(model, checked_base(model))
+    steps = int(re.search(r"State `steps = (\d+)`", note)[1])
+    assert steps % 5 == 0
+    assert len(LogModel(variant(steps=steps), [swung(seconds=2.0, rate_hz=5 * RATE)]).logs) == 1
+
+
+def test_logged_inputs_stay_what_was_logged_however_a_signal_swings_between():
+    square = np.where(np.arange(600) // 30 % 2 == 0, 10.0, 0.0)
+    columns = {"push_n": square, "position_m": 1e-3 * np.sin(np.arange(600) / 9.0)}
+    model = LogModel(variant(steps=4), [Recording("square", np.arange(600) / RATE, columns)])
+    assert (model.logs[0].inputs.min(), model.logs[0].inputs.max()) == (0.0, 10.0)
+    assert model.logs[0].driving.max() > 10.5  # a band-limited signal overshoots
+    assert model.sizes["turns push_n"] == 0.0
+
+
+class Line(System):
+    """A linear system, of which every step is exact."""
+
+    rate_hz = RATE
+    inputs = [Input("push_n", "N")]
+    states = {"position_m": "m", "speed_mps": "m/s"}
+    outputs = [Output("position_m", "m", noise=1e-3)]
+
+    def derivative(self, state, inputs, c):
+        back = 40.0 * state.position_m + 3.0 * state.speed_mps
+        return {"position_m": state.speed_mps, "speed_mps": inputs.push_n - back}
+
+
+def test_noise_is_the_same_in_however_many_steps_a_sample_is_gone():
+    rng = np.random.default_rng(1)
+    columns = {"push_n": rng.standard_normal(400), "position_m": 0.02 * rng.standard_normal(400)}
+    recording = Recording("line", np.arange(400) / RATE, columns)
+    likelihoods = []
+    for steps in (1, 4):
+        model = LogModel(checked(type("Line", (Line,), {"steps": steps})()), [recording])
+        theta = np.array([f.neutral for f in model.free(())])
+        scores = model.scores((), theta[None], range(model.episodes))[0]
+        likelihoods.append(sum(s.log_density.sum() for s in scores))
+    assert likelihoods[1] == pytest.approx(likelihoods[0], abs=0.5)
+    other = np.where([f.name == "force.speed_mps" for f in model.free(())], theta + 0.7, theta)
+    moved = sum(
+        s.log_density.sum() for s in model.scores((), other[None], range(model.episodes))[0]
+    )
+    assert abs(moved - likelihoods[1]) > 5.0  # twice the noise would show

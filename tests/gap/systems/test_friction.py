@@ -147,6 +147,20 @@ class Pair(System):
         }
 
 
+def test_known_frictions_of_two_that_push_each_other_hold_both():
+    """As strong as needed, stated at the ports; of no strength, neither stands."""
+    ports = [Port.force(name, friction="rub_n") for name in ("first_mps", "second_mps")]
+    time_s = np.arange(200) / RATE_HZ
+    columns = dict.fromkeys(("first_n", "second_n"), np.ones(200))
+    columns |= dict.fromkeys(("first_mps", "second_mps"), np.zeros(200))
+    recording = Recording("pair", time_s, columns)
+    for strength, stands in ((2.0, True), (0.0, False)):
+        stated = {"ports": ports, "constants": [Constant("rub_n", strength, low=0.0, high=9.0)]}
+        shown = type("Pair", (Pair,), stated)().simulate(recording)
+        farthest = max(float(np.abs(shown[n]).max()) for n in Pair.states)
+        assert (farthest < 1e-6) == stands
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_two_that_push_each_other_both_stand_whichever_is_asked_first(order):
     time_s = np.arange(200) / RATE_HZ

@@ -119,6 +119,11 @@ def test_a_channel_without_an_error_decides_nothing(monkeypatch):
     assert not weighing.helps(None, "before", "after", ())  # no evidence outweighs that
     rms["after"][2] = 2.004  # as good: the samples say more than so few forecasts do
     assert weighing.helps(None, "before", "after", ())
+    rms["before"][0], rms["after"][0] = 1e-13, 3e-13  # right but for rounding
+    assert weighing.helps(None, "before", "after", ())
+    rms["after"][2] = np.nan  # the forecast ran off
+    assert not weighing.helps(None, "before", "after", ())
+    rms["after"][2] = 2.004
     monkeypatch.setattr(weighing, "weighed", lambda *_: weighing.Weight(-0.5, -0.9, -0.1))
     assert not weighing.helps(None, "before", "after", ())  # forecasts are clearly worse
 

@@ -244,6 +244,16 @@ def test_names_that_the_model_does_not_have_are_refused(tmp_path: Path) -> None:
         read_system(target)
 
 
+def test_friction_at_a_port_is_refused_where_mujoco_has_its_own(tmp_path: Path) -> None:
+    target = tmp_path / "my_arm.py"
+    text = mjcf_template(written(tmp_path), target)
+    assert 'Port.force("elbow_radps", ' in text
+    stated = 'Port.force("elbow_radps", friction="elbow_kp", '
+    target.write_text(text.replace('Port.force("elbow_radps", ', stated))
+    with pytest.raises(UnusableInput, match="port of 'elbow_radps' states a friction; MuJoCo's"):
+        read_system(target)
+
+
 LEVER = """
 <mujoco model="lever">
   <compiler angle="radian"/>

@@ -92,6 +92,10 @@ def test_a_sound_system_passes():
         ({"outputs": [Output("force_v", "V")]}, "nothing for the output 'force_v'"),
         ({"ports": [Port.force("speed")]}, "the state 'speed', which is not there"),
         ({"ports": [Port.force("speed_mps", friction="rub_n")]}, "the constant 'rub_n', which is"),
+        (
+            {"ports": [Port.force("speed_mps", friction="mass_kg")] * 2},
+            "two ports state a friction of 'speed_mps'",
+        ),
         ({"constants": [Constant("mass_kg", 2.0, spread=-1.0)]}, "spread"),
         (
             {"constants": [Constant("mass_kg", 2e-4, spread=0.1)]},

@@ -37,7 +37,6 @@ from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, sim
 from wakedeploy.gap.search.sizes import least_squares, parameters
 from wakedeploy.gap.search.weighing import (
     Weight,
-    cross_weighed,
     crossed,
     helps,
     is_outdone,
@@ -225,7 +224,7 @@ def _judged(
     if not is_shared(effect, chance):
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif weight.matters:
-        gained = weight_of(begun, squares).share - weight_of(begun, before).share
+        gained = share_of_gap(begun, before, squares)
         is_finer = any(refines(effect.name, n) for n in effect.fit.hypothesis)
         why = TRIFLE if gained < RULES.least_of_gap else ACCEPTED
         if is_finer and gained < RULES.least_share:
@@ -233,6 +232,11 @@ def _judged(
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
     return Verdict(effect, why, weight, squares)
+
+
+def share_of_gap(begun: FloatArray, before: FloatArray, after: FloatArray) -> float:
+    """By how much squared errors fall, of those that there were at first."""
+    return weight_of(begun, after).share - weight_of(begun, before).share
 
 
 def is_shared(effect: Candidate, chance: float) -> bool:
@@ -334,8 +338,10 @@ def _pair(
     for verdict in verdicts:
         if verdict.why not in (ACCEPTED, HARDLY):
             continue
-        both = cross_weighed(model, crossed(model, outcome.found), verdict.candidate.fit)
-        if not both.matters:
+        before, after = (crossed(model, f) for f in (outcome.found, verdict.candidate.fit))
+        both = weight_of(before, after)
+        gained = share_of_gap(crossed(model, outcome.base), before, after)
+        if not both.matters or gained < RULES.least_of_gap:
             continue
         alike = undecided(model, [first, *_rivals(first, beside_it)])
         members = (first.candidate.name, *(v.candidate.name for v in alike if v is not first))

@@ -17,6 +17,7 @@ from wakedeploy.gap.search.comparison import Comparison, errors
 
 _FOLDS = 4
 _CAP = 20.0  # typical stretches that one may count for: from an unstable state all models run away
+_ROUNDING = 1e-12  # of the largest channel's error
 _FARTHEST = 16.0  # square of a step in standard deviations that leaving blocks out may take
 
 
@@ -61,13 +62,12 @@ def helps(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -
 def _worse(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> float:
     """By which share of itself a channel's squared error grows, on average; below 0 it falls."""
     was, now = (np.square(errors(model, fitted, episodes)) for fitted in (before, after))
-    erring = was > 0.0  # not of a channel that nothing forecasts, or that is always right
-    return float(np.mean(now[erring] / was[erring])) - 1.0 if erring.any() else -1.0
-
-
-def cross_weighed(model: Comparison, before: FloatArray, after: Fit) -> Weight:
-    """On the blocks of a fit; `before` is what `crossed` says of the fit without the effect."""
-    return weight_of(before, crossed(model, after))
+    # Not of a channel that nothing forecasts, or that is right but for rounding.
+    erring = was > _ROUNDING**2 * np.nanmax(was, initial=0.0)
+    if not erring.any():
+        return -1.0
+    worse = float(np.mean(now[erring] / was[erring])) - 1.0
+    return worse if np.isfinite(worse) else np.inf
 
 
 def crossed(model: Comparison, fitted: Fit) -> FloatArray:

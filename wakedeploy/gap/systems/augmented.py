@@ -55,7 +55,10 @@ class Acting:
         self._constants = {c.name: c.value for c in system.constants}
 
     def column(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
-        """What of an input's means (n,) over the steps reaches the system, under scalar values."""
+        """What of an input (n,) in every step reaches the system, under scalar values.
+
+        An effect acts on what the input is between the samples, too.
+        """
         column, step_s = driving, self.system.step_s
         for effect in self._of["input"]:
             if effect.port.name == name:

@@ -1,6 +1,6 @@
 """What an input does between two samples: kept, straight to the next, or as a smooth signal.
 
-In: samples of an input, and how it holds. Out: its mean over every step of the model. A sampled
+In: samples of an input, and how it holds. Out: what it is in every step of the model. A sampled
 signal that is held instead lags by half a sample, which hides whatever else a fast system lacks.
 """
 
@@ -15,11 +15,11 @@ _BETA = 8.0  # of Kaiser's window: 80 dB
 
 
 def between(samples: FloatArray, hold: str, steps: int) -> FloatArray:
-    """The input's mean over each of `steps` equal steps after every sample, (n,) to (n · steps,).
+    """The input in the middle of `steps` equal steps after every sample, (n,) to (n · steps,).
 
-    "step" keeps a sample, "linear" goes straight to the next. "bandlimited" goes through all as a
-    signal without content beyond half the samples' rate does (Shannon, Proc. IRE 37, 1949); of that
-    it is the value in a step's middle.
+    "step" keeps a sample, "linear" goes straight to the next. "bandlimited" goes on as a signal
+    does that has nothing beyond half the samples' rate (Shannon, Proc. IRE 37, 1949); what is
+    within a tenth of that rate is damped, and beside a jump such a signal swings over.
     """
     n = len(samples)
     if hold == "step" or n < 2:

@@ -31,13 +31,15 @@ _RATE_TOLERANCE = 0.01
 class Log:
     """A recording at the system's rate: inputs (i, n), outputs (m, n), NaN where not measured.
 
-    `driving` (i, n · steps) are the inputs' means over every step of the model.
+    Inputs are the means of the `rows` that a sample has; `driving` (i, n · steps) is what they are
+    in every step of the model, between the samples too.
     """
 
     name: str
     inputs: FloatArray
     outputs: FloatArray
     driving: FloatArray
+    rows: int = 1
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,11 @@ def _log(system: System, recording: Recording) -> Log:
             f"did not last {lasts_s:.4g} s, the time's unit is wrong."
         )
     n = len(recording.time_s) // every
-    driving = [_driving(system, i, _input(recording, i.name)[: n * every], every)
-               for i in system.inputs]  # fmt: skip
-    inputs = [row.reshape(n, system.steps).mean(1) for row in driving]
+    logged = [_input(recording, i.name)[: n * every] for i in system.inputs]
+    inputs = [row.reshape(n, every).mean(1) for row in logged]
+    driving = [
+        _driving(system, i, row, every) for i, row in zip(system.inputs, logged, strict=True)
+    ]
     outputs = [_column(recording, o.name)[: n * every : every] for o in system.outputs]
     for output, values in zip(system.outputs, outputs, strict=True):
         if np.isfinite(values).sum() < 2:
@@ -101,11 +105,12 @@ def _log(system: System, recording: Recording) -> Log:
         np.array(inputs).reshape(len(inputs), n),
         np.array(outputs),
         np.array(driving).reshape(len(inputs), n * system.steps),
+        every,
     )
 
 
 def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:
-    """An input's means over the model's steps, of `every` rows in a sample."""
+    """An input in each of the model's steps, of `every` rows in a sample."""
     finer, left = divmod(system.steps, every)
     if finer and not left:
         return between(rows, stated.hold, finer)

@@ -262,7 +262,7 @@ class Filter:
         """Readings (m, S) some samples after those at the places `at` (S,), from guessed states.
 
         Each of the model's steps is taken in `finer` ones, the inputs held over them all.
-        """  # fmt: skip
+        """
         columns, lanes = self._columns(acting, values), len(at)
         spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
@@ -301,7 +301,9 @@ class Filter:
                         for a, b in itertools.pairwise(ends)
                     ])  # fmt: skip
                 rows.append(known[key])
-            result.append(np.array(rows))
+            shape = (count, self._driving.shape[1])
+            alike = len(known) == 1  # as nearly always: then one row is enough for all
+            result.append(np.broadcast_to(rows[0], shape) if alike else np.array(rows))
         return result
 
     def _unsettled(

@@ -42,12 +42,12 @@ def _key(model: LogModel) -> str:
     system = model.system
     stated = (
         system.rate_hz, system.steps, system.inputs, system.states, system.outputs,
-        system.constants,
+        system.constants, [(p.role, p.name, p.inertia, p.friction) for p in system.ports],
     )  # fmt: skip
     digest.update(repr((RULES, system.name, stated, sorted(model.library))).encode())
     for log in model.logs:
         digest.update(log.name.encode())
-        digest.update(log.inputs.tobytes() + log.outputs.tobytes())
+        digest.update(log.driving.tobytes() + log.outputs.tobytes())
     for values in system.probed().values():
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()

@@ -5,6 +5,7 @@ has none), an effect to its first start; how far is in standard deviations of th
 all samples together, and what is left of that where everything else may follow.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -98,28 +99,33 @@ def column_notes(model: LogModel) -> list[str]:
 
 def step_notes(model: LogModel, base: Fit) -> list[str]:
     """Outputs that finer steps of the model would move by more than their sensor's noise."""
-    if model.system.has_step:
+    ends = np.cumsum([0, *(log.outputs.shape[1] for log in model.logs)])
+    first, stop = max(itertools.pairwise(ends), key=lambda ends: ends[1] - ends[0])
+    if model.system.has_step or stop - first <= _AHEAD:
         return []
-    n = model.logs[0].outputs.shape[1]
-    at = np.unique(np.linspace(0, max(n - 1 - _AHEAD, 0), _PLACES).astype(np.int64))
+    at = np.unique(np.linspace(first, stop - 1 - _AHEAD, _PLACES).astype(np.int64))
     acting = model.acting(())
     values = {name: np.array([v]) for name, v in model.values((), base.theta).items()}
     with np.errstate(all="ignore"):
         coarse, fine = (model.filter.advanced(acting, values, at, _AHEAD, k) for k in (1, _FINER))
-    notes = []
-    for output, errors in zip(model.system.outputs, fine - coarse, strict=True):
-        off = float(np.sqrt(np.nanmean(errors**2)))
-        noise = float(np.exp(base.value(f"noise.{output.name}")))
-        if off > noise:
-            # A step's error falls with its square; a power of two is most likely to fit the rows.
-            wanted = model.system.steps * math.sqrt(2.0 * off / noise)
-            steps = min(2 ** math.ceil(math.log2(wanted)), MOST_STEPS)
-            notes.append(
-                f"{output.name}: the model's steps are too coarse; over {_AHEAD} samples they are "
-                f"off by {off:.2g} {output.unit}, {off / noise:.2g} times its noise. State `steps ="
-                f" {steps}`, or a higher `rate_hz`."
-            )
-    return notes
+        off = np.median(np.abs(fine - coarse), axis=1)  # an unstable state sends some far off
+    return [
+        f"{output.name}: the model's steps are too coarse; over {_AHEAD} samples they are off by "
+        f"{error:.2g} {output.unit}, {error / noise:.2g} times its noise. {_finer(model, ratio)}"
+        for output, error in zip(model.system.outputs, off, strict=True)
+        for noise in [float(np.exp(base.value(f"noise.{output.name}")))]
+        for ratio in [float(error / noise)]
+        if 1.0 < ratio < math.inf
+    ]
+
+
+def _finer(model: LogModel, ratio: float) -> str:
+    """What to do about steps that are off by so many times the noise: errors fall with squares."""
+    wanted = model.system.steps * math.sqrt(2.0 * ratio)
+    rows = model.logs[0].rows
+    fitting = (k for k in range(2, MOST_STEPS + 1) if k % rows == 0 or rows % k == 0)
+    steps = next((k for k in fitting if k >= wanted), None)
+    return "Give it a higher `rate_hz`." if steps is None else f"State `steps = {steps}`."
 
 
 def _duration(logs: Sequence[Log], dt_s: float) -> str:

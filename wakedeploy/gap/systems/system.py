@@ -366,7 +366,7 @@ def _check_statements(system: System) -> None:
             raise UnusableInput(f"{system.name}: no `{attribute}`; state it in the class.")
     if not (isinstance(system.rate_hz, (int, float)) and 0.0 < system.rate_hz < math.inf):
         raise UnusableInput(f"{system.name}.rate_hz is {system.rate_hz!r}; give samples a second.")
-    if not (isinstance(system.steps, int) and 1 <= system.steps <= MOST_STEPS):
+    if type(system.steps) is not int or not 1 <= system.steps <= MOST_STEPS:
         raise UnusableInput(
             f"{system.name}.steps is {system.steps!r}; give a whole number from 1 to {MOST_STEPS}."
         )
@@ -443,6 +443,12 @@ def _check_ports(system: System) -> None:
         "output": _names(system.outputs),
         "constant": _names(system.constants),
     }
+    rubbing = [p.name for p in system.ports if isinstance(p, Port) and p.friction]
+    if twice := next((name for name in rubbing if rubbing.count(name) > 1), ""):
+        raise UnusableInput(
+            f"{system.name}: two ports state a friction of {twice!r}; add up what acts there in one"
+            " constant."
+        )
     for port in system.ports:
         if not isinstance(port, Port):
             raise UnusableInput(f"{system.name}.ports has {port!r}; write Port.input(name), ….")

@@ -160,6 +160,11 @@ def _checked_names(system: MjcfSystem, elements: Elements) -> tuple[str, ...]:
                 f"{system.name}: constant {constant.name!r} is no attribute of {elements.path}; "
                 f"there are: {', '.join(elements.attributes)}."
             )
+    if rubbing := next((port.name for port in system.ports if port.friction), ""):
+        raise UnusableInput(
+            f"{system.name}: the port of {rubbing!r} states a friction; MuJoCo's frictionloss acts "
+            "already, so leave it out there."
+        )
     return tuple(c.name for c in system.constants if c.name in elements.attributes)
 
 
