@@ -18,8 +18,8 @@ def compared(records: Records) -> Section:
         "Two systems with what the literature names built in: the input kept from sample to "
         "sample, straight to the next, or band-limited.",
         paragraphs(
-            "Root mean square of measured less forecast on sealed blocks, and the sensor's noise as "
-            "fitted. What is left beyond that noise is the integration's.",
+            "Root mean square of measured less forecast on sealed blocks, and the noise of the "
+            "sensor as fitted.",
             table(
                 ["recording", "input", "steps in a sample", "forecast over", "error", "noise"],
                 [
