@@ -11,6 +11,7 @@ Automatica 40, 2004, whose estimates are those of an extended Kalman filter, too
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -82,6 +83,29 @@ class Noise:
         return cls(sensor, system.steps**0.5 * rows("force"), lasting, keep, fresh)
 
 
+class _Stepping:
+    """Takes lanes of states and covariances a step on; without noise nothing disturbs them."""
+
+    def __init__(
+        self, acting: Acting, aside: FloatArray, noise: Noise | None = None, driven: Any = ()
+    ) -> None:
+        self._acting, self._aside = acting, aside
+        self._points = np.empty((len(aside), len(aside) + 1, aside.shape[1]))
+        self._dry = np.array(acting.dry, dtype=np.int64)
+        self._driven = np.array(driven, dtype=np.int64)
+        self._noise = (np.zeros((0, aside.shape[1])),) * 3
+        if noise is not None:
+            self._noise = (noise.white, noise.keep, noise.fresh)
+
+    def on(self, x: FloatArray, p: FloatArray, *given: Any, step_s: float | None = None) -> None:
+        """Change `x` (k + d, L) and `p` in place; `given` are inputs, constants, values, time."""
+        acting, k = self._acting, len(self._aside)
+        rates = acting.rates(_around(x, self._aside, self._points), *given)
+        stepped(x, p, rates, self._aside, self._driven, *self._noise,
+                step_s or acting.system.step_s, acting.system.has_step, self._dry,
+                *acting.rubbed(x[:k], *given))  # fmt: skip
+
+
 class Filter:
     """The logs of a system, and how a filter runs over them."""
 
@@ -118,15 +142,15 @@ class Filter:
         spread = {n: np.repeat(v, parts)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         logged = self._outputs if outputs is None else outputs
-        dt_s, steps, step_s = 1.0 / acting.system.rate_hz, acting.system.steps, acting.system.step_s
+        dt_s, steps = 1.0 / acting.system.rate_hz, acting.system.steps
         noise = Noise.of(acting.system, self.driven, spread)
         x, p = self._begin(acting, at[0], count, noise)
         for name, sd in self._unsettled(acting, values, pieces).items():
             place = acting.states.index(name)
             p[place, place] = sd**2
         k, m = len(acting.states), len(logged)
-        driven, dry = self._places(acting), np.array(acting.dry, dtype=np.int64)
         aside = self._aside(acting, lanes)
+        stepping = _Stepping(acting, aside, noise, self._places(acting))
         statistics = np.empty((len(at), 4, m, lanes))
         states = np.empty((len(at), len(x), lanes))
         names = [i.name for i in acting.system.inputs]
@@ -149,10 +173,7 @@ class Filter:
             for j in range(steps):
                 if j:
                     u = {n: columns[i][:, here + j].reshape(1, lanes) for i, n in enumerate(names)}
-                given = (u, c, spread, time_s)
-                rates = acting.rates(_around(x, aside, points), *given)
-                stepped(x, p, rates, aside, driven, noise.white, noise.keep, noise.fresh, step_s,
-                        acting.system.has_step, dry, *acting.rubbed(x[:k], *given))  # fmt: skip
+                stepping.on(x, p, u, c, spread, time_s)
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():
                 x[:, lost], p[:, :, lost] = 0.0, 0.0
@@ -191,11 +212,9 @@ class Filter:
         columns = self._columns(acting, values)
         x = np.ascontiguousarray(run.states[t0, : len(acting.states), set_of, s0].T)
         p = np.zeros((len(x), len(x), lanes))
-        aside, points = self._aside(acting, lanes), np.empty((len(x), len(x) + 1, lanes))
-        nothing = np.zeros((0, lanes))
-        dt_s, steps, step_s = 1.0 / acting.system.rate_hz, acting.system.steps, acting.system.step_s
+        stepping = _Stepping(acting, self._aside(acting, lanes))
+        dt_s, steps = 1.0 / acting.system.rate_hz, acting.system.steps
         names = [i.name for i in acting.system.inputs]
-        none, dry = np.zeros(0, dtype=np.int64), np.array(acting.dry, dtype=np.int64)
         last = len(run.states) - 1
         first = np.array([self.blocks[e].start for e in episodes])[owner]
         for step in range(horizon):
@@ -206,10 +225,7 @@ class Filter:
             c = acting.constants(spread, time_s)
             for j in range(steps):
                 u = {n: columns[i][set_of, here + j][None, :] for i, n in enumerate(names)}
-                given = (u, c, spread, time_s)
-                rates = acting.rates(_around(x, aside, points), *given)
-                stepped(x, p, rates, aside, none, nothing, nothing, nothing, step_s,
-                        acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
+                stepping.on(x, p, u, c, spread, time_s)
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
             t = t0 + step + 1
             inside = (t <= last) & run.pieces.scored[np.minimum(t, last), s0]
@@ -231,10 +247,8 @@ class Filter:
         spread = {n: v[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1, None)
-        aside, dt_s = self._aside(acting, 1), 1.0 / acting.system.rate_hz
-        steps, step_s = acting.system.steps, acting.system.step_s
-        none, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
-        dry = np.array(acting.dry, dtype=np.int64)
+        stepping = _Stepping(acting, self._aside(acting, 1))
+        dt_s, steps = 1.0 / acting.system.rate_hz, acting.system.steps
         states, shown = [], []
         for t in range(self.logs[0].outputs.shape[1]):
             time_s = np.full((1, 1), t * dt_s)
@@ -245,10 +259,7 @@ class Filter:
                 u = {i.name: columns[n][:, here] for n, i in enumerate(acting.system.inputs)}
                 if not j:
                     shown.append(acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0, 0])
-                given = (u, c, spread, time_s)
-                rates = acting.rates(_around(x, aside), *given)
-                stepped(x, p, rates, aside, none, nothing, nothing, nothing, step_s,
-                        acting.system.has_step, dry, *acting.rubbed(x, *given))  # fmt: skip
+                stepping.on(x, p, u, c, spread, time_s)
         return np.array(states).T, np.array(shown).T
 
     def advanced(
@@ -267,20 +278,15 @@ class Filter:
         spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         x, p = self._begin(acting, at, 1, None)
-        aside, dt_s = self._aside(acting, lanes), 1.0 / acting.system.rate_hz
-        none, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, lanes))
-        dry = np.array(acting.dry, dtype=np.int64)
+        stepping, step_s = _Stepping(acting, self._aside(acting, lanes)), acting.system.step_s
         names = [i.name for i in acting.system.inputs]
         for step in range(samples * acting.system.steps):
             here = acting.system.steps * at + step
-            time_s = (here * dt_s / acting.system.steps)[None, :]
+            time_s = np.asarray(here * step_s, dtype=np.float64)[None, :]
             u = {n: columns[i][:1, here] for i, n in enumerate(names)}
             given = (u, acting.constants(spread, time_s), spread, time_s)
             for _ in range(finer):
-                rates = acting.rates(_around(x, aside), *given)
-                stepped(x, p, rates, aside, none, nothing, nothing, nothing,
-                        acting.system.step_s / finer, acting.system.has_step, dry,
-                        *acting.rubbed(x, *given))  # fmt: skip
+                stepping.on(x, p, *given, step_s=step_s / finer)
         return acting.readings(x[:, None, :], *given)[:, 0]
 
     def _columns(self, acting: Acting, values: Mapping[str, FloatArray]) -> list[FloatArray]:

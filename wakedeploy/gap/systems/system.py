@@ -256,7 +256,7 @@ class System:
     @property
     def step_s(self) -> float:
         """How long one of the model's steps is."""
-        return 1.0 / (self.rate_hz * self.steps)
+        return 1.0 / float(self.rate_hz * self.steps)
 
     @property
     def takes_forces(self) -> bool:
