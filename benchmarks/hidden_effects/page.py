@@ -31,7 +31,7 @@ _SPREADS = (
     ("closed_from_50_nats", "share of the gap closed, mean", "≥ 0.8", 1.0),
     ("closed_by_a_member", "the same, had the best of a class been added", "", 1.0),
     ("class_size", "size of a class, mean", "≤ 2", 1.0),
-    ("seconds", "seconds of one core per case, mean", "< 120", 1.0),
+    ("seconds", "seconds per case, mean", "< 120", 1.0),
 )
 
 
