@@ -53,8 +53,8 @@ def run(cases: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), required=True)
 @click.option("--per-dose", default=4, help="gantries without an effect, at each misfit")
-@click.option("--per-effect", default=4, help="gantries for each library effect")
-@click.option("--trivia", default=10, help="gantries with effects too small to matter")
+@click.option("--per-effect", default=2, help="gantries for each library effect")
+@click.option("--trivia", default=6, help="gantries with effects too small to matter")
 @click.option("--workers", default=2)
 @click.option("--record", is_flag=True, help="write docs/records/form-error.json")
 def main(

@@ -114,15 +114,21 @@ def _counted(share: Row) -> str:
 
 
 def _answers(rows: Sequence[Row]) -> str:
-    """The sets without an effect that were answered otherwise, each in its own words."""
-    lines = [
-        f"- {row['case']}: {row['verdict']}"
-        + (f", {row['unknown']}" if row["unknown"] else "")
-        + (f", {', '.join(row['named'] or row['class'])}" if row["named"] or row["class"] else "")
-        for row in rows
-        if row["answer"] == "false alarm"
-    ]
-    return "\n".join(["Answered otherwise where nothing is hidden:", "", *lines]) if lines else ""
+    """The sets that were answered otherwise, each in its own words."""
+    wrong = [row for row in rows if row["answer"] != "right"]
+    parts = []
+    for what, some in (
+        ("nothing", [row for row in wrong if not row["hidden"]]),
+        ("something", [row for row in wrong if row["hidden"]]),
+    ):
+        if some:
+            parts += [f"Answered otherwise where {what} is hidden:", "", *map(_answer, some), ""]
+    return "\n".join(parts).rstrip()
+
+
+def _answer(row: Row) -> str:
+    said = row["unknown"] or ", ".join(row["named"] or row["class"])
+    return f"- {row['case']}: {row['verdict']}{f', {said}' if said else ''}"
 
 
 def _mm(*metres: float) -> list[str]:
