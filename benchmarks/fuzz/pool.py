@@ -6,11 +6,11 @@ its files. Which number a worker is at stands in shared memory, so that what kil
 
 import collections
 import contextlib
+import json
 import math
 import mmap
 import multiprocessing
 import os
-import pickle
 import resource
 import signal
 import struct
@@ -18,7 +18,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
@@ -339,14 +339,15 @@ def _with_room(judge: Judge, kind: Kind, sound: Files, damaged: Files) -> Verdic
             before_kib = _resident_kib()
             verdict = judge.judged(kind, sound, damaged)
             fits = _resident_kib() - before_kib <= MOST_MIB << 10
-            os.write(writing, pickle.dumps(verdict if fits else None))
+            os.write(writing, json.dumps(asdict(verdict) if fits else None).encode())
         finally:
             os._exit(0)  # whatever happens, this is no second worker
     os.close(writing)
     with os.fdopen(reading, "rb") as answer:
         found = answer.read()
     os.waitpid(child, 0)
-    verdict = pickle.loads(found) if found else None
+    told = json.loads(found) if found else None  # nothing, if it has died
+    verdict = None if told is None else Verdict(**told)
     return None if verdict is None or verdict.trouble == RAN_OUT else verdict
 
 

@@ -168,6 +168,20 @@ def test_memory_counts_that_is_written_not_what_is_asked_for(
     assert {failure.verdict.trouble for failure in failures} <= {RAN_OUT}
 
 
+def test_a_reading_that_is_given_more_room_and_dies_of_it_ran_out_of_memory(tmp_path: Path) -> None:
+    worker = os.getpid()
+
+    def read(folder: Path) -> None:
+        if os.getpid() != worker:
+            os.kill(os.getpid(), signal.SIGKILL)
+        raise UnusableInput("a.txt: no room for it; close something.") from MemoryError()
+
+    kind, judge = kind_of(read), Judge(tmp_path)
+    with judge.listening():
+        verdict = judged(judge, kind, 0, 1)
+    assert (verdict.outcome, verdict.trouble) == ("failed", RAN_OUT)
+
+
 def test_workers_that_die_are_told_with_the_file_that_killed_them() -> None:
     def read(folder: Path) -> None:
         if not (folder / "a.txt").read_bytes():

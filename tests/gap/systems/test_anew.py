@@ -107,3 +107,19 @@ def test_the_gap_before_is_that_of_the_base_from_which_effects_were_found(tmp_pa
     before = errors(model, found[-1], model.sealed())
     assert shown.gap["reading_v"].before == pytest.approx(before[0], rel=1e-6)
     assert before[0] != pytest.approx(errors(model, fitted_base(model), model.sealed())[0])
+
+
+def test_what_was_found_for_another_port_is_found_again(tmp_path):
+    """Effects at a state's rate, as forces of its inertia, and where the model has friction."""
+    log = driven(4.0)
+    at_slope = (
+        [Port.force("slope_v_per_s")],
+        [Port.force("slope_v_per_s", inertia="stiffness")],
+        [Port.force("slope_v_per_s", inertia="stiffness", friction="damping")],
+    )
+    keys = set()
+    for ports in at_slope:
+        system = type("Belt", (Belt,), {"ports": [*Belt.ports, *ports]})()
+        model = LogModel(system, [log])
+        keys |= {OwnFolder(model, tmp_path).key, OwnFolder(model, tmp_path).key}
+    assert len(keys) == len(at_slope)

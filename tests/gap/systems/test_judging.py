@@ -15,6 +15,7 @@ from wakedeploy.gap.search.extent import is_steady
 from wakedeploy.gap.search.judging import (
     ACCEPTED,
     HARDLY,
+    TRIFLE,
     UNSEEN_WORSE,
     Named,
     fitted_base,
@@ -72,6 +73,37 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     lines = sentences(answer_of(rubbing, told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]
+
+
+@pytest.mark.parametrize(
+    ("offset_n", "found", "judged"),
+    [
+        (0.05, {"viscous-friction@speed_mps"}, TRIFLE),
+        (2.0, {"viscous-friction@speed_mps", "offset@speed_mps"}, ACCEPTED),
+    ],
+)
+def test_a_trifle_of_the_gap_that_there_was_is_told_and_not_named(offset_n, found, judged):
+    """Beside what closes nearly all of a gap, a small effect removes most of the rest."""
+
+    class Pushed(Slider):
+        ports: ClassVar = [
+            Port.force("speed_mps", inertia="mass_kg", kinds=["viscous-friction", "offset"])
+        ]
+
+    rng = np.random.default_rng(0)
+    force = np.repeat(rng.uniform(-8.0, 8.0, 40), 25)
+    speed, shown = 0.0, np.empty(len(force))
+    for k, push in enumerate(force):
+        shown[k] = speed + 2e-3 * rng.standard_normal()
+        for _ in range(20):
+            speed += (push - 6.0 * speed + offset_n) / 2.0 / RATE / 20
+    columns = {"force_n": force, "speed_mps": shown}
+    model = LogModel(Pushed(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+    outcome = named(model, fitted_base(model))
+    assert set(outcome.found.hypothesis) == found
+    last = next(r for r in outcome.rounds if r["given"])["ranking"][0]
+    assert last["judged"] == judged
+    assert last["forecast"]["share"] > 0.3
 
 
 def test_what_makes_forecasts_of_sealed_episodes_worse_is_withdrawn():
