@@ -106,6 +106,22 @@ def _pushed(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
     return {"climb_mps": c.offset_n / c.mass_kg}
 
 
+def _standing(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    """What a floor bears."""
+    sunk = np.maximum(c.floor_m - state.height_m, 0.0)
+    return {"climb_mps": sunk * (c.stiffness_npm - c.damping_nspm * state.climb_mps) / c.mass_kg}
+
+
+def _blown_at(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    """The jets of the two drones above."""
+    blown = 0.0 * state.height_m
+    for drone in ("first", "second"):
+        x, y, z = (getattr(inputs, f"{drone}_{axis}_m") for axis in "xyz")
+        aside = ((x - inputs.x_m) ** 2 + (y - inputs.y_m) ** 2) / c.width_m**2
+        blown = blown - (z > state.height_m) * np.exp(-aside)
+    return {"climb_mps": c.strength_n * blown / c.mass_kg}
+
+
 def _stopped(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
     return {"speed_per_s": -c.contact_per_s2 * np.maximum(state.height - c.surface, 0.0)}
 
@@ -264,5 +280,40 @@ CASES = (
          *(f"coupling-from-thrust_{i}_n@climb_mps" for i in range(1, 5)),
          "sensor-dead-time@height_m", "sensor-lag@height_m"),
         Added((Constant("offset_n", 0.0, 0.1, "N"),), _pushed), samples=(200, 6200),
+    ),
+    Case(
+        "hydraulic actuator", "hydraulic_actuator.py", "hydraulic_actuator.toml",
+        ("hydraulic-actuator/actuator_first_half.mat",),
+        ("dead-band@valve", "asymmetry@valve", "saturation@valve"),
+        "Merritt (1967): a valve's overlap is a dead band, and its flow falls with the pressure;"
+        " Sjöberg (1995): a model with nonlinear terms simulates this one better",
+        ("gain@valve", "bias@valve", "offset@pressure", "cubic-stiffness@pressure",
+         "square-stiffness@pressure", "quadratic-drag@pressure"),
+    ),
+    Case(
+        "drone, taking off", "takeoff.py", "takeoff.toml", ("crazyflie-more/takeoff_s_c21_00.npz",),
+        ("lower-stop@climb_mps",),
+        "Neural-Swarm (2020): flights begin and end on the floor",
+        ("ground-effect@climb_mps", "offset@climb_mps", "viscous-friction@climb_mps",
+         "quadratic-drag@climb_mps", "sensor-dead-time@height_m", "sensor-lag@height_m",
+         *(f"coupling-from-thrust_{i}_n@climb_mps" for i in range(1, 5))),
+        Added(
+            (Constant("floor_m", 0.05, 0.005, "m"), Constant("stiffness_npm", 50.0, INF, "N/m"),
+             Constant("damping_nspm", 200.0, INF)),
+            _standing,
+        ),
+    ),
+    Case(
+        "drone below two others", "three_drones.py", "three_drones.toml",
+        ("crazyflie3/swap_sss_c21_04.npz", "crazyflie3/swap_sss_c21_05.npz"),
+        ("downwash",), "Neural-Swarm (2020): downwash of the drones above",
+        ("ground-effect@climb_mps", "offset@climb_mps", "viscous-friction@climb_mps",
+         "quadratic-drag@climb_mps", "added-inertia@climb_mps", "sensor-dead-time@height_m",
+         "sensor-lag@height_m",
+         *(f"coupling-from-thrust_{i}_n@climb_mps" for i in range(1, 5))),
+        Added(
+            (Constant("strength_n", 0.05, INF, "N"), Constant("width_m", 0.1, 0.05, "m")),
+            _blown_at,
+        ),
     ),
 )  # fmt: skip

@@ -29,6 +29,8 @@ class Rules:
         simpler_share: Share of the best's gain that a simpler effect needs to be named instead.
         unexplained_share: An effect that is not named and removes more than this share of the
             squared error shows that something unknown is missing.
+        unknown_push: Share of a rate from which a lasting push that nothing explains is something
+            unknown, whatever it follows.
         surely_share: An effect that surely removes more than this share of the squared error is
             named, also where forecasts that ask no model are better than those with it.
         most_effects: More than these are not named in one answer.
@@ -48,6 +50,7 @@ class Rules:
     least_of_gap: float = 0.001
     simpler_share: float = 0.8
     unexplained_share: float = 0.1
+    unknown_push: float = 0.5
     surely_share: float = 0.5
     most_effects: int = 4
     fewest_flights: int = 3

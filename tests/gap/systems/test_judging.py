@@ -70,9 +70,41 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     assert 0.7 < left["sd"] < 3.0  # ± 3 N on 2 kg
     assert left["against"]["coordinate"] == "speed_mps"
     assert left["against"]["means"][0] > 0.1 > -0.1 > left["against"]["means"][-1]
+    assert left["matters"]
+    assert left["removes"] > 0.5  # a law over the speed is what friction is
     lines = sentences(answer_of(rubbing, told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]
+
+
+@pytest.mark.parametrize(("gusts_mps2", "verdict"), [(0.4, "none"), (4.0, "unknown")])
+def test_a_disturbance_that_follows_nothing_is_no_missing_effect(gusts_mps2, verdict):
+    """Gusts of an eighth of a second; as large as all that is known, they are something unknown."""
+    rng = np.random.default_rng(11)
+    force = np.repeat(rng.uniform(-12.0, 12.0, 60), 16)
+    speed, gust, shown = 0.0, 0.0, np.empty(len(force))
+    kept = np.exp(-1.0 / RATE / 10 / 0.12)
+    for k, push in enumerate(force):
+        shown[k] = speed + 2e-3 * rng.standard_normal()
+        for _ in range(10):
+            gust = kept * gust + gusts_mps2 * (1.0 - kept**2) ** 0.5 * rng.standard_normal()
+            speed += (push / 2.0 - 0.5 * speed + gust) / RATE / 10
+
+    class Dragged(Slider):
+        constants: ClassVar = [Constant("mass_kg", 2.0, 0.05), Constant("drag_per_s", 0.5)]
+
+        def derivative(self, state, inputs, c):
+            return {"speed_mps": inputs.force_n / c.mass_kg - c.drag_per_s * state.speed_mps}
+
+    columns = {"force_n": force, "speed_mps": shown}
+    model = LogModel(Dragged(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+    told = named(model, fitted_base(model))
+    assert (verdict_of(told), told.found.hypothesis) == (verdict, ())
+    (left,) = told.leftover
+    assert left["sd"] == pytest.approx(gusts_mps2, rel=0.5)
+    assert left["matters"] == (verdict == "unknown")
+    assert any("as a disturbance does" in s or "gain nothing" in s
+               for s in sentences(answer_of(model, told)))  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,11 @@ class Followed(Part):
 
 
 class Leftover(Part):
-    """A push on a state's rate that nothing explains: its sd, and its share of the usual rate."""
+    """A push on a state's rate that nothing explains: its sd, and its share of the usual rate.
+
+    `removes` is the share of forecasts' squared error that a law over the coordinate `against`
+    would remove; `matters` is whether the push shows that something unknown is missing.
+    """
 
     state: str
     sd: Number
@@ -155,6 +159,8 @@ class Leftover(Part):
     lasts_s: Number
     share: Number
     against: Followed | None = None
+    removes: Number
+    matters: bool
 
 
 class Map(Part):

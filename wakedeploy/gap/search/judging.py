@@ -146,7 +146,10 @@ def _searched(
     if not needed and is_outdone(model, outcome.found):
         outcome = replace(outcome, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
-    return outcome if acting is None else replace(outcome, leftover=acting(outcome.found))
+    if acting is None:
+        return outcome
+    chance = max((r["threshold_nats"] for r in outcome.rounds), default=RULES.least_nats)
+    return replace(outcome, leftover=acting(outcome.found, chance))
 
 
 def _on_all(model: Comparison, base: Fit, outcome: Named) -> Named:
@@ -475,10 +478,7 @@ def verdict_of(outcome: Named) -> str:
         return "class" if len(outcome.rivals) <= RULES.most_in_class else "unknown"
     if outcome.found.hypothesis:
         return "named"
-    rejected = [e for r in outcome.rounds for e in r["ranking"] if "forecast" in e]
-    doubtful = any(
-        e["judged"] in (NO_SIZE, ONE_BLOCK, WORSE, UNSEEN_WORSE)
-        or (e["forecast"]["share"] > RULES.unexplained_share and e["forecast"]["low"] > 0.0)
-        for e in rejected
-    )
-    return "unknown" if doubtful or outcome.leftover or outcome.is_outdone else "none"
+    rejected = [e["forecast"] for r in outcome.rounds for e in r["ranking"] if "forecast" in e]
+    doubtful = any(f["share"] > RULES.unexplained_share and f["low"] > 0.0 for f in rejected)
+    acts = any(push["matters"] for push in outcome.leftover)
+    return "unknown" if doubtful or acts or outcome.is_outdone else "none"

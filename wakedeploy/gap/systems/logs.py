@@ -22,7 +22,7 @@ from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.blocks import Block, Log, blocks_of, logs_of
 from wakedeploy.gap.systems.filter import Filter, Run, Start
-from wakedeploy.gap.systems.kinds.library import offered
+from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.leftover import leftovers
 from wakedeploy.gap.systems.system import Point, System
 
@@ -164,9 +164,16 @@ class LogModel:
         groups = [simple[i : i + size] for i in range(0, len(simple), size)]
         return groups + [[n] for n in names if self.library[n].own_states]
 
-    def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
+    def leftovers(self, fitted: Fit, chance_nats: float) -> tuple[dict[str, Any], ...]:
         """What still acts and is explained by nothing, as JSON has it."""
-        return tuple(asdict(push) for push in leftovers(self, fitted))
+        return tuple(asdict(push) for push in leftovers(self, fitted, chance_nats))
+
+    def with_effect(self, effect: Effect) -> "LogModel":
+        """The same system that may lack one effect more."""
+        wider = copy.copy(self)
+        wider.library = {**self.library, effect.name: effect}
+        wider.effects = {name: each.free for name, each in wider.library.items()}
+        return wider
 
     def crossed_disagreements(
         self, fitted: Fit, thetas: FloatArray, chosen: Sequence[int]
@@ -322,7 +329,7 @@ class LogModel:
         """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
 
         `least …` is how near to 0 an input or a known state comes, `turns …` whether it changes
-        its sign (1 or 0).
+        its sign (1 or 0), `lowest …` and `highest …` how far a known state goes.
         `y …` is about an output's mean, `top …` the largest reading.
         """
         states = np.concatenate(guessed, axis=1)
@@ -346,6 +353,7 @@ class LogModel:
             if np.ptp(row) > 0.0:
                 sizes[name] = _usual(row)
                 sizes |= _signs(name, row, sizes[name])
+                sizes |= {f"lowest {name}": float(row.min()), f"highest {name}": float(row.max())}
         rates = self._rates(states, inputs)
         for i, name in enumerate(self.system.states):
             moved = np.concatenate([np.gradient(g[i], self.dt_s) for g in guessed])

@@ -117,6 +117,7 @@ class Port:
     friction: str = ""
     function: Increments | None = field(default=None, compare=False)
     parameters: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
+    shapes: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
 
     @classmethod
     def input(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
@@ -155,15 +156,26 @@ class Port:
 
     @classmethod
     def custom(
-        cls, name: str, function: Increments, parameters: Mapping[str, tuple[str, float]]
+        cls,
+        name: str,
+        function: Increments,
+        parameters: Mapping[str, tuple[str, float]],
+        shapes: Mapping[str, tuple[str, float]] | None = None,
     ) -> "Port":
         """An effect of the user's own.
 
         `function(t, state, inputs, parameters)` returns what is added to the derivatives (or to
         the next states, where the system has a `step`). `parameters` gives each its unit and a
-        usual size; at 0 the effect has to vanish.
+        usual size; at 0 the effect has to vanish. `shapes` are further parameters that say where or
+        how it acts, as the width of a jet: positive, from a tenth to ten times the usual size.
         """
-        return cls("custom", name, function=function, parameters=dict(parameters))
+        return cls(
+            "custom",
+            name,
+            function=function,
+            parameters=dict(parameters),
+            shapes=dict(shapes or {}),
+        )
 
 
 class Point:
@@ -462,6 +474,22 @@ def _check_ports(system: System) -> None:
                     f"{system.name}: a port names the {thing} {name!r}, which is not there; "
                     f"there are: {', '.join(known[role]) or 'none'}."
                 )
+        _check_sizes(system, port)
+
+
+def _check_sizes(system: System, port: Port) -> None:
+    """Of the parameters and shapes of an effect of the user's own."""
+    if both := sorted({*port.parameters} & {*port.shapes}):
+        raise UnusableInput(
+            f"{system.name}: the effect {port.name!r} has {both[0]!r} as a parameter and as a "
+            "shape; state it once: a shape if the effect does not vanish with it."
+        )
+    for name, (_, size) in (*port.parameters.items(), *port.shapes.items()):
+        if not 0.0 < size < math.inf:
+            raise UnusableInput(
+                f"{system.name}: {name!r} of the effect {port.name!r} has the usual size {size}; "
+                "give a positive one."
+            )
 
 
 def _check_functions(system: System) -> None:

@@ -202,13 +202,21 @@ def _unexplained(answer: Answer) -> list[str]:
             f"{push.lasts_s:.2g} s, {_percent(push.share)} of the usual rate."
         )
         at = push.against
-        if at is not None:
-            lines.append(
-                f"  It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
-                f"from {_signed(at.means[0])} {push.unit} at {minus(f'{at.edges[0]:.3g}')} "
-                f"{at.unit} to {_signed(at.means[-1])} {push.unit} at "
-                f"{minus(f'{at.edges[-1]:.3g}')} {at.unit}."
-            )
+        if at is None:
+            lines.append("  It follows nothing that the logs have, as a disturbance does.")
+            continue
+        lines.append(
+            f"  It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
+            f"from {_signed(at.means[0])} {push.unit} at {minus(f'{at.edges[0]:.3g}')} "
+            f"{at.unit} to {_signed(at.means[-1])} {push.unit} at "
+            f"{minus(f'{at.edges[-1]:.3g}')} {at.unit}."
+        )
+        lines.append(
+            f"  A law over {at.coordinate} would remove {_percent(push.removes)} of the squared "
+            "forecast error."
+            if push.removes > 0.0
+            else f"  Yet forecasts gain nothing by any law over {at.coordinate}."
+        )
     return lines
 
 

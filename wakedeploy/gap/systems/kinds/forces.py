@@ -315,10 +315,10 @@ class UpperStop(ForceKind):
     source = "Hunt and Crossley, Journal of Applied Mechanics 42, 1975"
     needs = ("position",)
     parameters = (
-        Parameter("stiffness", {"force": 1, "position": -1}, low=0.0, high=1000.0,
+        Parameter("stiffness", {"force": 1, "range": -1}, low=0.0, high=1000.0,
                   starts=(1.0, 1.0, 10.0, 10.0), prior=20.0),
-        Parameter("limit", {"position": 1}, neutral=0.8, low=-3.0, high=3.0,
-                  starts=(0.5, 0.8, 0.8, 0.95), prior=0.5),
+        Parameter("limit", {"range": 1}, origin="highest", neutral=-0.1, low=-1.0, high=0.5,
+                  starts=(-0.25, -0.1, -0.02, -0.05), prior=0.3),
     )  # fmt: skip
 
     def force(self, at: At, p: Parameters) -> FloatArray:
@@ -336,8 +336,8 @@ class LowerStop(ForceKind):
     needs = ("position",)
     parameters = (
         UpperStop.parameters[0],
-        Parameter("limit", {"position": 1}, neutral=-0.8, low=-3.0, high=3.0,
-                  starts=(-0.5, 0.0, -0.8, -0.95), prior=0.5),
+        Parameter("limit", {"range": 1}, origin="lowest", neutral=0.1, low=-0.5, high=1.0,
+                  starts=(0.25, 0.1, 0.02, 0.05), prior=0.3),
     )  # fmt: skip
 
     def force(self, at: At, p: Parameters) -> FloatArray:
@@ -361,8 +361,8 @@ class Coupling(ForceKind):
 
 
 def _softened(beyond: FloatArray, at: At) -> FloatArray:
-    """What exceeds 0, its corner rounded over a hundredth of the usual way."""
-    round_ = 0.01 * at.sizes["position"]
+    """What exceeds 0, its corner rounded over a hundredth of the way."""
+    round_ = 0.01 * at.sizes["range"]
     return np.asarray(0.5 * (beyond + np.sqrt(beyond**2 + round_**2)))
 
 

@@ -20,7 +20,8 @@ class Scales:
 
     `sizes` and `units` are by what a parameter is made of: "input", "output" (about its mean),
     "top" (its largest reading), "constant", "force", "speed", "position", "height", "other",
-    "time", "span" (of an uninterrupted log).
+    "time", "span" (of an uninterrupted log). "lowest" and "highest" are the ends of the way that
+    the position goes, "range" is its length.
     """
 
     sizes: Mapping[str, float]
@@ -32,7 +33,8 @@ class Parameter:
     """A parameter of a kind: `neutral`, bounds and starts in multiples of its usual size.
 
     The usual size is `share` times a product of the port's scales, as `of` says: a viscous
-    coefficient is {"force": 1, "speed": -1}. A size whose neutral value is not 0 is a shape.
+    coefficient is {"force": 1, "speed": -1}. A size whose neutral value is not 0 is a shape. With
+    an `origin`, as "lowest", they are counted from that scale.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Parameter:
     scanned: tuple[float, ...] = ()
     step: float = 1e-3
     prior: float = 2.0
+    origin: str = ""
 
     def size(self, scales: Scales) -> float:
         """The usual size, in the parameter's unit."""
@@ -63,11 +66,11 @@ class Parameter:
 
     def free(self, effect: str, scales: Scales) -> Free:
         """As a fit sees it."""
-        size = self.size(scales)
-        starts = tuple(s * size for s in (*self.starts, *self.scanned))
-        ends = self.low * size, self.high * size
+        size, origin = self.size(scales), scales.sizes[self.origin] if self.origin else 0.0
+        starts = tuple(origin + s * size for s in (*self.starts, *self.scanned))
+        ends = origin + self.low * size, origin + self.high * size
         name, unit = f"{effect}.{self.name}", self.unit(scales)
-        neutral = self.neutral * size
+        neutral = origin + self.neutral * size
         return Free(name, unit, neutral, self.prior * size, *ends, self.step * size, starts)
 
 

@@ -26,7 +26,13 @@ KINDS_BY_ROLE: dict[str, tuple[Kind, ...]] = {
 
 def custom_kind(port: Port) -> Kind:
     """A kind of the user's own, from `Port.custom`."""
-    parameters = tuple(Parameter(name, {f"own {name}": 1}) for name in port.parameters)
+    amplitudes = [Parameter(name, {f"own {name}": 1}) for name in port.parameters]
+    shapes = [
+        Parameter(name, {f"own {name}": 1}, neutral=1.0, low=0.1, high=10.0, prior=1.0,
+                  starts=(1.0, 1.0, 0.5, 2.0))
+        for name in port.shapes
+    ]  # fmt: skip
+    parameters = (*amplitudes, *shapes)
     stated = {"name": port.name, "parameters": parameters, "source": "the system's file"}
     stated["equation"] = "as the system's file has it"
     kind: Kind = type("Custom", (Kind,), stated)()
@@ -157,12 +163,22 @@ def _scales(
         for part, name in (("position", port.position), ("height", port.height)):
             if name:
                 there[part], units[part] = sizes[name], system.states[name]
+        if port.position:
+            there |= _way(port.position, sizes)
+            units |= dict.fromkeys(("lowest", "highest", "range"), units["position"])
         if "position" not in there:
             there["position"] = there["speed"] * 10.0 * dt_s
             units["position"] = f"{units['speed']} s"
-    for name, (unit, size) in port.parameters.items():
+    for name, (unit, size) in (*port.parameters.items(), *port.shapes.items()):
         there[f"own {name}"], units[f"own {name}"] = size, unit
     return Scales(there, units)
+
+
+def _way(position: str, sizes: Mapping[str, float]) -> dict[str, float]:
+    """How far a position goes; of one that no log shows, its usual size on either side."""
+    lowest = sizes.get(f"lowest {position}", -sizes[position])
+    highest = sizes.get(f"highest {position}", sizes[position])
+    return {"lowest": lowest, "highest": highest, "range": highest - lowest}
 
 
 def _beside(scales: Scales, system: System, sizes: Mapping[str, float], other: str) -> Scales:

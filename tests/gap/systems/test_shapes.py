@@ -1,0 +1,89 @@
+"""Effects that act in a place: a stop far from zero, a jet of some width that the user wrote."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.search.scan import ranked
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.system import checked
+
+RATE = 50.0
+MASS_KG = 2.0
+
+
+def blown(t, state, inputs, p):
+    """A jet across the rail at 5.5 m."""
+    return {"speed_mps": p.strength * np.exp(-(((state.position_m - 5.5) / p.width_m) ** 2))}
+
+
+class Carriage(System):
+    """A mass on a rail that begins five metres away, known but for what acts in places."""
+
+    rate_hz = RATE
+    inputs: ClassVar = [Input("force_n", "N")]
+    states: ClassVar = {"position_m": "m", "speed_mps": "m/s"}
+    outputs: ClassVar = [Output("position_m", "m", noise=1e-3)]
+    constants: ClassVar = [Constant("mass_kg", MASS_KG), Constant("drag_nspm", 4.0)]
+    ports: ClassVar = [
+        Port.force("speed_mps", inertia="mass_kg", position="position_m"),
+        Port.custom("jet", blown, {"strength": ("m/s²", 1.0)}, {"width_m": ("m", 0.3)}),
+    ]
+
+    def derivative(self, state, inputs, c):
+        pull = inputs.force_n - c.drag_nspm * state.speed_mps
+        return {"position_m": state.speed_mps, "speed_mps": pull / c.mass_kg}
+
+
+def recorded(force) -> Recording:
+    """Thirty seconds in fine steps, with `force(position_m)` [N] beside what pushes."""
+    rng = np.random.default_rng(3)
+    pushed = np.repeat(rng.uniform(-6.0, 6.0, 60), 25)
+    x, v, shown = 5.5, 0.0, np.empty(len(pushed))
+    for k, push in enumerate(pushed):
+        pushed[k] = push = push + 12.0 * (5.5 - x)  # a spring that is logged keeps it near
+        shown[k] = x + 1e-3 * rng.standard_normal()
+        for _ in range(20):
+            v += (push - 4.0 * v + force(x)) / MASS_KG / RATE / 20
+            x += v / RATE / 20
+    columns = {"force_n": pushed, "position_m": shown}
+    return Recording("carriage", np.arange(len(pushed)) / RATE, columns)
+
+
+def leading(force) -> Candidate:
+    model = LogModel(Carriage(), [recorded(force)])
+    return ranked(model, fitted_base(model), list(model.effects))[0][0]
+
+
+@pytest.mark.parametrize(("kind", "limit_m", "sign"), [("lower", 5.2, 1.0), ("upper", 5.8, -1.0)])
+def test_a_stop_is_found_wherever_the_way_ends(kind, limit_m, sign):
+    name = f"{kind}-stop@speed_mps"
+    best = leading(lambda x: sign * 200.0 * max(sign * (limit_m - x), 0.0))
+    assert best.name == name
+    assert best.fit.value(f"{name}.limit") == pytest.approx(limit_m, abs=0.01)
+    assert best.fit.value(f"{name}.stiffness") == pytest.approx(200.0, rel=0.2)
+
+
+@pytest.mark.parametrize("width_m", [0.1, 0.8])
+def test_an_effect_of_the_user_s_own_has_a_shape_beside_its_size(width_m):
+    best = leading(lambda x: -2.0 * MASS_KG * np.exp(-(((x - 5.5) / width_m) ** 2)))
+    assert best.name == "jet"
+    assert best.fit.value("jet.strength") == pytest.approx(-2.0, rel=0.1)
+    assert best.fit.value("jet.width_m") == pytest.approx(width_m, rel=0.1)
+
+
+def test_a_shape_that_is_also_a_size_or_is_not_positive_is_refused():
+    for shapes, told in (
+        ({"strength": ("m", 0.3)}, "strength"),
+        ({"width_m": ("m", 0.0)}, "width_m"),
+        ({"width_m": ("m", float("nan"))}, "width_m"),
+    ):
+        port = Port.custom("jet", blown, {"strength": ("m/s²", 1.0)}, shapes)
+        with pytest.raises(UnusableInput, match=told):
+            checked(type("Carriage", (Carriage,), {"ports": [port]})())
