@@ -172,8 +172,12 @@ def name(case: Case, out: Path, progress: Progress = quiet) -> Name:
         disagrees=disagrees,
     )
     progress("comparing what could be told apart")
-    named = write_answer(answer, out, started)
-    return _judged(case, out, answer, named, progress)
+    named = _judged(case, out, answer, write_answer(answer, out, started), progress)
+    if named.verdict == "none" and answer.instead is not None:
+        # What the sealed flights do not bear out took the place of effects that they may.
+        effects = answer.instead
+        named = _judged(case, out, effects, write_answer(effects, out, started), progress)
+    return named
 
 
 def write_answer(answer: Answer, out: Path, started_s: float, is_simulated: bool = True) -> Name:

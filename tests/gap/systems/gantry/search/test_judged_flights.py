@@ -1,9 +1,13 @@
 """Flights of the virtual gantry, answered and judged: what matters, what does not, and halves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recorded import RIG, flown, with_effects
 
+from wakedeploy.gap.systems.gantry import steps
+from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.explainable_error import explainable
 from wakedeploy.gap.systems.gantry.search.naming import (
@@ -13,7 +17,7 @@ from wakedeploy.gap.systems.gantry.search.naming import (
     with_terms,
 )
 from wakedeploy.gap.systems.gantry.search.repeatability import FEWEST, repeated
-from wakedeploy.gap.systems.gantry.steps import Case, _judged, write_answer
+from wakedeploy.gap.systems.gantry.steps import Case, _judged, find, name, write_answer
 
 LIMITS = Thresholds(6.0, 8.0, 8.0, 36.0, 0.02, 0.02, 0.003)
 TRIED = ("crosswind-offset", "added-mass", "range-drift")
@@ -43,6 +47,27 @@ def test_an_effect_that_matters_is_told_to_and_is_added(shifted, tmp_path) -> No
     assert 0.0 < worth.tracking_m.low <= worth.tracking_m.value
     assert told.to_add == told.effects
     assert told.repeated is None  # four flights have no halves of three
+
+
+@pytest.mark.slow
+def test_effects_come_back_where_the_expression_in_their_place_is_not_borne_out(
+    shifted, tmp_path, monkeypatch
+) -> None:
+    effects, flights, sealed = shifted
+    case = Case(RIG, tuple(flights), (sealed,), LIMITS)
+    expressed = replace(effects, verdict="unknown", instead=effects)
+
+    def of_little_use(case, out, answer, named, progress):
+        if answer is expressed:
+            return named.model_copy(update={"verdict": "none"})
+        return _judged(case, out, answer, named, progress)
+
+    monkeypatch.setattr(steps, "name_effects", lambda *_, **__: expressed)
+    monkeypatch.setattr(steps, "_judged", of_little_use)
+    find(case, tmp_path)
+    told = name(case, tmp_path)
+    assert [e.name for e in told.effects] == ["crosswind-offset"]
+    assert Name.model_validate_json((tmp_path / "name.json").read_text()) == told
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from wakedeploy.gap.progress import quiet
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
+from wakedeploy.gap.systems.gantry.search import naming
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
 from wakedeploy.gap.systems.gantry.search.expressions import search
 from wakedeploy.gap.systems.gantry.search.naming import (
@@ -173,6 +174,18 @@ def notch(t_s, state) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("explained", "has_name"), [(39.7, True), (30.0, False)])
+def test_a_formula_takes_no_place_of_effects_that_explain_nearly_as_much(
+    monkeypatch, late, explained, has_name
+) -> None:
+    """A viscous force and a little of the wake's form, 48.7 nats, for a loss of thrust in climb."""
+    formula = SimpleNamespace(gain_nats=48.7)
+    monkeypatch.setattr(naming, "gain_over", lambda *_: explained)
+    monkeypatch.setattr(naming, "_expression", lambda *_, **__: formula)
+    unknown, rest = naming._rest(late.base_model, late.base, late.fit, None, LIMITS)
+    assert (unknown is formula, rest) == (not has_name, None)
+
+
 def test_nothing_is_not_the_answer_where_a_place_disagrees() -> None:
     """No effect, no expression and white innovations: the fitted noise has swallowed it."""
     model = GantryModel(RIG, [flown(seed, hook=notch) for seed in SEEDS])

@@ -139,6 +139,7 @@ class Answer:
     unknown: Symbolic | None
     rest: Symbolic | None  # beyond the effects, but too little to doubt them
     thresholds: Thresholds
+    instead: "Answer | None" = None  # the effects, where an expression has taken their place
 
     @property
     def members(self) -> tuple[str, ...]:
@@ -212,14 +213,29 @@ def name_effects(
         pair = _pair_instead(searched, unknown, thresholds)
         if pair is not None:
             (model, current), unknown, rest = pair, None, None
+    conclude = functools.partial(_concluded, searched, disagrees=disagrees)
+    if unknown is None:
+        return conclude(model, current, rounds, None, rest)
+    instead = conclude(model, current, rounds, None, beyond) if current.hypothesis else None
+    bare, least = (searched.base_model, base), thresholds.expression_nats
+    model, unknown = joined(model, current, unknown, bare, searched.expression, least)
+    rounds = _still_needed(searched.rounds, unknown.fit)
+    told = conclude(model, unknown.fit, rounds, unknown, None)
+    return replace(told, instead=instead)
+
+
+def _concluded(
+    searched: "_Search",
+    model: GantryModel,
+    current: Fit,
+    rounds: Sequence[Round],
+    unknown: Symbolic | None,
+    rest: Symbolic | None,
+    disagrees: bool,
+) -> Answer:
+    """The answer that a fit makes, with what an expression says of the unknown or of the rest."""
     white = whiteness(current)
-    verdict, classes = _verdict(rounds, current, unknown, white, thresholds, disagrees)
-    if unknown is not None:
-        bare, least = (searched.base_model, base), thresholds.expression_nats
-        model, unknown = joined(model, current, unknown, bare, searched.expression, least)
-        current = unknown.fit
-        rounds = _still_needed(searched.rounds, current)
-        white = whiteness(current)
+    verdict, classes = _verdict(rounds, current, unknown, white, searched.thresholds, disagrees)
     return Answer(
         verdict,
         _claimed(verdict, rounds, current),
@@ -227,12 +243,12 @@ def name_effects(
         tuple(rounds),
         model,
         searched.base_model,
-        base,
+        searched.base,
         current,
         white,
         unknown,
         rest,
-        thresholds,
+        searched.thresholds,
     )
 
 
@@ -277,13 +293,13 @@ class _Search:
         self.model, self.base, self.current = model, base, current
         self.base_model = model
         self.rounds: list[Round] = []
-        self._thresholds, self._near_nats = thresholds, near_nats
+        self.thresholds, self._near_nats = thresholds, near_nats
         self._gains: dict[str, float] = {}  # of what was found, when it was found [nats]
         self._beyond: dict[Hypothesis, Symbolic | None] = {}
 
     def find(self, names: Sequence[str], progress: Progress) -> bool:
         """One round; whether there should be another."""
-        least = self._thresholds.effect_nats
+        least = self.thresholds.effect_nats
         remaining = [n for n in names if n not in self.current.hypothesis]
         if self.current.hypothesis:  # the first round ranks all, for the record
             remaining = worth_trying(self.model, self.current, remaining, _HOPE_SHARE * least)
@@ -322,13 +338,13 @@ class _Search:
     def expression(self, model: GantryModel, current: Fit) -> Symbolic | None:
         """What is beyond a fit, looked for once."""
         if current.hypothesis not in self._beyond:
-            self._beyond[current.hypothesis] = _expression(model, current, self._thresholds)
+            self._beyond[current.hypothesis] = _expression(model, current, self.thresholds)
         return self._beyond[current.hypothesis]
 
     def _chosen(self, ranked: Sequence[Candidate]) -> Candidate | None:
         """The first that gains what it must, or as much as an expression that gains enough."""
         for entry in ranked:
-            if entry.gain_nats >= _needed(entry.name, self._gains, self._thresholds):
+            if entry.gain_nats >= _needed(entry.name, self._gains, self.thresholds):
                 return entry
         best = ranked[0]
         if _form_nats(best.name, self._gains) > best.gain_nats:
@@ -414,7 +430,8 @@ def _rest(
 
     The second is what is left beyond effects that lead: they keep their name although their form is
     not exact. An expression takes a name's place only where it is better by more than a class is
-    wide, and than the best of so many expressions gains by chance.
+    wide, and than the best of so many expressions gains by chance; and not where effects explain
+    nearly as much, which a formula of two terms for one effect's exact form always exceeds.
     """
     if not current.hypothesis:
         return beyond, None
@@ -426,9 +443,11 @@ def _rest(
         return None, beyond
     instead = _expression(model, base, thresholds, most_terms=2)
     least = explained + thresholds.expression_nats + RULES.class_nats
-    if instead is not None and instead.gain_nats > least:
-        return instead, None
-    return None, beyond
+    if instead is None or instead.gain_nats <= least:
+        return None, beyond
+    if explained >= RULES.simpler_share * instead.gain_nats:
+        return None, beyond
+    return instead, None
 
 
 def _pair_instead(
