@@ -6,6 +6,7 @@ flights and answers in the folder, so that a run goes on where it was stopped; `
 """
 
 import json
+import random
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -16,8 +17,9 @@ import click
 
 from benchmarks.form_error.cases import Case, flights_of
 from benchmarks.form_error.judge import row
-from benchmarks.form_error.plan import no_effect, trivial, with_effect
+from benchmarks.form_error.plan import hidden_name, no_effect, trivial, with_effect
 from benchmarks.form_error.table import curve, curve_text
+from benchmarks.form_error.worth import worth_of
 from benchmarks.records import FOLDER, write
 from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.core.parallel import parallel_map
@@ -31,15 +33,21 @@ def answered(case: Case, out: Path) -> dict[str, Any]:
     began_s = time.process_time()
     folder = out / "answers" / f"{case.name}-{case.digest}"
     result = close(logs[0].parent / "rig.toml", logs, folder, workers=1, report=False, plan=False)
-    return row(case, result.as_json(), default_rig(), time.process_time() - began_s)
+    seconds, hidden = time.process_time() - began_s, hidden_name(case)
+    worth = worth_of(hidden, logs, folder) if hidden else None
+    return row(case, result.as_json(), default_rig(), seconds, worth)
 
 
 def run(cases: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:
-    """All rows; those that the folder has already are not made again."""
+    """All rows; those that the folder has already are not made again.
+
+    They are made in an order that leaves some of each kind where a run is stopped.
+    """
     kept = out / "rows.jsonl"
     out.mkdir(parents=True, exist_ok=True)
     known = {line["digest"]: line for line in read_json_lines(kept)}
     remaining = [case for case in cases if case.digest not in known]
+    random.Random(0).shuffle(remaining)
 
     def keep(case: Case, line: dict[str, Any]) -> None:
         append_json_line(kept, {"digest": case.digest, **line})
@@ -52,8 +60,8 @@ def run(cases: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:
 
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), required=True)
-@click.option("--per-dose", default=4, help="gantries without an effect, at each misfit")
-@click.option("--per-effect", default=2, help="gantries for each library effect")
+@click.option("--per-dose", default=20, help="gantries without an effect, at each misfit to 4 %")
+@click.option("--per-effect", default=4, help="gantries for each library effect")
 @click.option("--trivia", default=6, help="gantries with effects too small to matter")
 @click.option("--workers", default=2)
 @click.option("--record", is_flag=True, help="write docs/records/form-error.json")

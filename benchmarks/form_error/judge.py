@@ -4,8 +4,9 @@ In: a case and `result.json`. Out: one row for the table.
 
 Rules. Without an effect, only "nothing that matters" is right: the verdict none, or names that
 are all labelled too small to matter. With one, the name or a class of at most three that holds it;
-"unknown" is useless, and so is "none" where the effect removes a twentieth of the forecast error.
-What was put into the rig file must not make the sealed forecast worse.
+"unknown" is useless. "None" is right where the effect, known by name, would remove no twentieth of
+the forecast error on the sealed flights; else the effect was missed. What was put into the rig file
+must not make the sealed forecast worse.
 """
 
 from collections.abc import Mapping
@@ -14,17 +15,25 @@ from typing import Any
 from benchmarks.form_error.cases import Case, jet_of_case
 from benchmarks.form_error.plan import hidden_name
 from wakedeploy.core.rig import Rig
+from wakedeploy.gap.systems.gantry.search.importance import Mattering
 
 _AHEAD = "height 0.25 s ahead"
 
 
-def row(case: Case, result: Mapping[str, Any], rig: Rig, seconds: float) -> dict[str, Any]:
-    """One case, judged."""
+def row(
+    case: Case,
+    result: Mapping[str, Any],
+    rig: Rig,
+    seconds: float,
+    worth: Mattering | None,
+) -> dict[str, Any]:
+    """One case, judged; `worth` is that of what it hides."""
     jet, hidden = jet_of_case(case, rig), hidden_name(case)
     effects = [e for e in result["effects"] if (e.get("worth") or {}).get("matters", True)]
     small = [e["name"] for e in result["effects"] if e not in effects]
     channel = result["gap"][_AHEAD]
     added = result["verdict"] == "named" and bool(effects)
+    named, matters = [e["name"] for e in effects], worth is not None and worth.matters
     return {
         "case": case.name,
         "jet": case.jet,
@@ -33,7 +42,9 @@ def row(case: Case, result: Mapping[str, Any], rig: Rig, seconds: float) -> dict
         "dose": case.misfit,
         "hidden": hidden,
         "verdict": result["verdict"],
-        "named": [e["name"] for e in effects],
+        "matters": matters,
+        "worth": None if worth is None else worth.removed[0.25].share,
+        "named": named,
         "small": small,
         "class": result["class"],
         "withdrawn": [e["name"] for e in result.get("withdrawn", [])],
@@ -41,7 +52,7 @@ def row(case: Case, result: Mapping[str, Any], rig: Rig, seconds: float) -> dict
         "before_m": channel["before"],
         "after_m": channel["after"],
         "added_worse": added and channel["after"] > channel["before"],
-        "answer": answer_of(hidden, result["verdict"], [e["name"] for e in effects], small, result),
+        "answer": answer_of(hidden, result["verdict"], named, small, result, matters=matters),
         "seconds": seconds,
     }
 
@@ -52,6 +63,7 @@ def answer_of(
     named: list[str],
     small: list[str],
     result: Mapping[str, Any],
+    matters: bool = True,
 ) -> str:
     """`right`, `useless`, `wrong`, `missed` or `false alarm`."""
     members = list(result["class"])
@@ -62,8 +74,8 @@ def answer_of(
         return "useless"
     if verdict == "class" or members:
         return "right" if hidden in members and len(members) <= 3 else "wrong"
-    if verdict == "none":
-        return "missed"
     if hidden in (*named, *small):
         return "right"
-    return "wrong" if named else "missed"
+    if named:
+        return "wrong"
+    return "missed" if matters else "right"

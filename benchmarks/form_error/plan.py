@@ -7,6 +7,7 @@ from benchmarks.form_error.cases import FRICTIONS, MOTORS, NOISES, SENSORS, Case
 from benchmarks.form_error.profiles import FAMILIES
 
 DOSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # misfit of the steady force, of its own size
+MEANT = 0.04
 _FIRST_SEED = 4100
 # Library effects of sizes that matter on the default rig, by `effect.parameter` or constant.
 EFFECTS: tuple[dict[str, float], ...] = (
@@ -34,12 +35,16 @@ TRIVIAL = {"crosswind-offset.offset_m": 0.004, "battery-sag.sag_per_s": 0.0003}
 
 
 def no_effect(per_dose: int) -> list[Case]:
-    """Gantries that lack nothing but form; `per_dose` of each misfit, families taking turns."""
+    """Gantries that lack nothing but form; `per_dose` of each misfit, families taking turns.
+
+    Of misfits beyond what the workflow is meant for, a fifth as many. More of each are further
+    ones, so that those flown before stay.
+    """
     jets = [family for family in FAMILIES if family != "same"]
     cases = []
     for d, dose in enumerate(DOSES):
-        for k in range(per_dose):
-            number = d * per_dose + k
+        for k in range(per_dose if dose <= MEANT else max(per_dose // 5, 1)):
+            number = d + k * len(DOSES)
             jet = "same" if dose == 0.0 else jets[number % len(jets)]
             cases.append(_case(_FIRST_SEED + number, jet, dose, number, {}))
     return cases
@@ -51,10 +56,10 @@ def with_effect(per_effect: int) -> list[Case]:
     cases = []
     for e, effect in enumerate(EFFECTS):
         for k in range(per_effect):
-            number = e * per_effect + k
-            dose = DOSES[1 + number % 4]
+            number = e + k * len(EFFECTS)
+            dose = DOSES[1 + number // len(jets) % 4]
             seed = _FIRST_SEED + 500 + number
-            cases.append(_case(seed, jets[number % len(jets)], dose, number, effect))
+            cases.append(_case(seed, jets[(number + k) % len(jets)], dose, number + k, effect))
     return cases
 
 

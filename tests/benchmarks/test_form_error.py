@@ -114,6 +114,11 @@ def test_the_plan_takes_every_family_at_every_misfit() -> None:
     assert {case.jet for case in cases if case.misfit} == set(FAMILIES) - {"same"}
     assert len({case.seed for case in (*cases, *with_effect(2))}) == len(cases) + 24
     assert all(hidden_name(case) for case in with_effect(1))
+    for plan, few, many in ((no_effect, 4, 20), (with_effect, 2, 4)):
+        assert {c.name for c in plan(few)} < {c.name for c in plan(many)}
+    assert len([case for case in no_effect(20) if case.misfit <= 0.04]) == 100
+    of_one = [c for c in with_effect(4) if "ground-effect.gain" in c.effects]
+    assert len({c.jet for c in of_one}) == len({c.misfit for c in of_one}) == 4
 
 
 def test_a_useless_answer_is_no_right_one() -> None:
@@ -125,3 +130,7 @@ def test_a_useless_answer_is_no_right_one() -> None:
     assert answer_of("added-mass", "named", ["added-mass"], [], nothing) == "right"
     assert answer_of("added-mass", "named", ["range-drift"], [], nothing) == "wrong"
     assert answer_of("added-mass", "class", [], [], {"class": ["added-mass"]}) == "right"
+    assert answer_of("added-mass", "none", [], [], nothing) == "missed"
+    assert answer_of("added-mass", "none", [], [], nothing, matters=False) == "right"
+    assert answer_of("added-mass", "named", ["gust"], [], nothing, matters=False) == "wrong"
+    assert answer_of("added-mass", "unknown", [], [], nothing, matters=False) == "useless"
