@@ -75,6 +75,8 @@ def _lacking(answer: Answer) -> str:
     if answer.verdict == "named":
         return f"The system lacks {listed([plain(e.name) for e in answer.effects])}."
     if answer.verdict == "none":
+        if answer.moved:
+            return "With that, nothing else that matters is missing from the system."
         return "Nothing that matters is missing from the system."
     if answer.is_outdone:
         return (
