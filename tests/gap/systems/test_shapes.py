@@ -11,6 +11,11 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.search.scan import ranked
+from wakedeploy.gap.systems.correction import (
+    correction_of,
+    read_correction,
+    write_correction,
+)
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import checked
 
@@ -87,3 +92,25 @@ def test_a_shape_that_is_also_a_size_or_is_not_positive_is_refused():
         port = Port.custom("jet", blown, {"strength": ("m/s²", 1.0)}, shapes)
         with pytest.raises(UnusableInput, match=told):
             checked(type("Carriage", (Carriage,), {"ports": [port]})())
+
+
+def test_a_correction_keeps_the_ends_of_the_way_and_refuses_a_size_below_zero(tmp_path):
+    """The rail reaches to the other side of zero; a size of anything else is from zero."""
+
+    class Middle(Carriage):
+        ports: ClassVar = [Port.force("speed_mps", inertia="mass_kg", position="position_m")]
+
+    recording = recorded(lambda x: 0.0)
+    columns = {**recording.columns, "position_m": recording.columns["position_m"] - 5.5}
+    model = LogModel(Middle(), [Recording("middle", recording.time_s, columns)])
+    base = fitted_base(model)
+    path = tmp_path / "correction.toml"
+    write_correction(correction_of(model, base), path)
+    assert read_correction(path, "Middle").document.sizes == model.sizes
+    assert model.sizes["lowest position_m"] < -0.1
+    text = path.read_text()
+    size = model.sizes["position_m"]
+    path.write_text(text.replace(f'"position_m" = {size!r}', f'"position_m" = {-size!r}'))
+    assert path.read_text() != text
+    with pytest.raises(UnusableInput, match="the size of position_m is"):
+        read_correction(path, "Middle")

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.systems.logs import LogModel
 
 VERSION = 1
+_ENDS = ("lowest ", "highest ")
 _Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 
 
@@ -43,8 +44,17 @@ class Document(_Table):
     span_s: Annotated[float, pydantic.Field(gt=0)]
     constants: dict[str, _Finite] = {}
     form: dict[str, _Finite] = {}
-    sizes: dict[str, Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)]]
+    sizes: dict[str, _Finite]
     effect: tuple[Named, ...] = ()
+
+    @pydantic.field_validator("sizes")
+    @classmethod
+    def _positive(cls, sizes: dict[str, float]) -> dict[str, float]:
+        """All but the ends of a way are from 0."""
+        for name, size in sizes.items():
+            if size < 0.0 and not name.startswith(_ENDS):
+                raise ValueError(f"the size of {name} is {size:g}, below 0")
+        return sizes
 
 
 @dataclass(frozen=True)
