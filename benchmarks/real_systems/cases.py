@@ -305,7 +305,7 @@ CASES = (
     ),
     Case(
         "drone below two others", "three_drones.py", "three_drones.toml",
-        ("crazyflie3/swap_sss_c21_04.npz", "crazyflie3/swap_sss_c21_05.npz"),
+        tuple(f"crazyflie3/swap_sss_c21_{k}.npz" for k in ("02", "04", "05")),  # without gaps
         ("downwash",), "Neural-Swarm (2020): downwash of the drones above",
         ("ground-effect@climb_mps", "offset@climb_mps", "viscous-friction@climb_mps",
          "quadratic-drag@climb_mps", "added-inertia@climb_mps", "sensor-dead-time@height_m",
