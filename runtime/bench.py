@@ -26,7 +26,7 @@ from runtime.io.range_source import SocketRangeSource, wait_for_first
 from runtime.io.realtime import loop_core, quieten_interpreter, take_priority
 from runtime.loop.loop import PERIOD_S, Loop, budget_s, require_wait
 from runtime.loop.pilot import OBSERVATION
-from runtime.loop.prediction import PredictionWorker
+from runtime.loop.prediction_worker import PredictionWorker
 from runtime.reference import hold_plan
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.core.errors import CheckFailed, UnusableInput

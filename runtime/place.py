@@ -16,7 +16,7 @@ from runtime.io.link import Link
 from runtime.io.range_source import I2cRangeSource, RangeSource, SocketRangeSource
 from runtime.io.realtime import Clock, Priority, become_ordinary, quieten_interpreter, take_priority
 from runtime.loop.loop import PERIOD_S
-from runtime.loop.prediction import Predictions, PredictionWorker
+from runtime.loop.prediction_worker import Predictions, PredictionWorker
 from runtime.request import RunRequest
 from wakedeploy.core.failsafes import LATE_GANTRY
 

@@ -27,7 +27,7 @@ from runtime.io.realtime import Clock
 from runtime.io.sd_notify import ServiceManager
 from runtime.live_view import run_view
 from runtime.loop.loop import PERIOD_S, Loop
-from runtime.loop.prediction import PredictionWorker
+from runtime.loop.prediction_worker import PredictionWorker
 from runtime.loop.tally import Tally
 from runtime.loop.watch import GapWatch
 from runtime.place import Place, opened_place

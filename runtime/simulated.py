@@ -15,7 +15,7 @@ from runtime.io.conversation import Conversation
 from runtime.io.protocol import Command, Message
 from runtime.io.range_source import STATUS_NO_TARGET, RangeReading
 from runtime.loop.pilot import OBSERVATION
-from runtime.loop.prediction import Result, predicted
+from runtime.loop.prediction_worker import Result, predicted
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.mcu_port import McuPort
 from wakedeploy.core.manifest import FloatArray

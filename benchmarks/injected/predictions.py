@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from benchmarks.injected.fault import Fault, Scene
-from runtime.loop.prediction import Result
+from runtime.loop.prediction_worker import Result
 
 GROUP = "predictions"
 CONSTANTS_N = (1e30, -1e30, 1e300, 20.0, -20.0, 5.0, -5.0, 2.0, -2.0, 1.0, -1.0, 0.0)

@@ -12,7 +12,7 @@ from typing import Any
 from runtime.io.protocol import Command, FrameDecoder, Status, encode_frame
 from runtime.io.range_source import RangeReading
 from runtime.loop.pilot import LogValue
-from runtime.loop.prediction import Predictions, Result
+from runtime.loop.prediction_worker import Predictions, Result
 from runtime.simulated import SimulatedGantry
 from runtime.virtual.mcu import Outputs
 from runtime.virtual.mcu_port import BOOT_S, McuPort

@@ -1,4 +1,7 @@
-"""Records a run in a thread of its own, so that a stalling disk never holds up the loop."""
+"""Records a run in a thread of its own, so that a stalling disk never holds up the loop.
+
+Which columns there are says `wakedeploy.core.runlog_columns`.
+"""
 
 import contextlib
 import errno

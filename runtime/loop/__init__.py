@@ -1,4 +1,4 @@
-"""One tick: read, estimate, predict, control, write, record; and who decides when a part fails.
+"""One tick: read, estimate, predict, supervise, control, write, record.
 
 In: range samples, the board's answers, a predictor's forces. Out: pulses and rows. The steps are
 pure arithmetic; clock, link and range source are given. May import `runtime.io`,

@@ -9,7 +9,7 @@ from runtime.loop import safety
 from runtime.loop.copies import replace
 from runtime.loop.doubt import Doubter
 from runtime.loop.pilot import Pilot, PilotState
-from runtime.loop.prediction import Predictions
+from runtime.loop.prediction_worker import Predictions
 from runtime.loop.safety import Gate
 from runtime.reference import Reference
 from wakedeploy.core.rig import Rig

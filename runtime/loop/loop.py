@@ -1,4 +1,4 @@
-"""The 32 Hz loop: read → estimate → predict → control → write → record.
+"""The 32 Hz loop: read → estimate → predict → supervise → control → write → record.
 
 In: an open link, a range source, a plan, optionally a predictor. Out: commands, one row per tick,
 and a tally. The steps between are `runtime.loop.pilot`'s, the same that simulated flights take.
@@ -23,12 +23,12 @@ from runtime.loop.copies import replace
 from runtime.loop.estimate import Measurement
 from runtime.loop.estimator import SAME_TICKS
 from runtime.loop.forecasting import Forecasting, Prediction
+from runtime.loop.interfaces import Onlooker, RowSink, Wire
 from runtime.loop.lateness import Lateness
 from runtime.loop.pilot import LogValue, Pilot, resting_reference, tick_row
-from runtime.loop.prediction import Predictions
+from runtime.loop.prediction_worker import Predictions
 from runtime.loop.readings import RangeDoor, Seen
 from runtime.loop.safety import ANSWERS_MISSING_S, Event, Findings, Mode, SafetyState
-from runtime.loop.sides import Onlooker, RowSink, Wire
 from runtime.loop.silent_faults import SignReader, Signs
 from runtime.loop.tally import Tally
 from runtime.loop.watch import GapWatch

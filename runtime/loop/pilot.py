@@ -1,8 +1,8 @@
 """One tick of the gantry's loop as pure steps: estimate → observe → (predict) → control.
 
-The loop at the rig and simulated flights call the same four, in this order; what differs is only
-where measurements come from and how long a prediction may take. A tick's row of the run log is made
-here, too, so that both write the same columns.
+`runtime.loop.loop` calls them in this order, at the rig and in simulated flights; what differs is
+only where measurements come from and how long a prediction may take. A tick's row of the run log is
+made here, too.
 """
 
 import math

@@ -84,7 +84,7 @@ def test_a_process_that_flies_c_holds_nothing_that_a_flight_does_not_need(site):
         "import sys, runtime.run\n"
         "from runtime.flyable import predictor_of, read_flyable\n"
         "from runtime.loop.loop import Loop, PERIOD_S\n"
-        "from runtime.loop.prediction import PredictionWorker\n"
+        "from runtime.loop.prediction_worker import PredictionWorker\n"
         "from runtime.reference import hold_plan\n"
         "from wakedeploy.rig.file import default_rig\n"
         f"predictor = predictor_of(read_flyable(__import__('pathlib').Path({str(site / 'c')!r})))\n"

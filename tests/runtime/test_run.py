@@ -107,11 +107,11 @@ def test_a_virtual_run_flies_records_and_sums_up_and_a_terminal_sees_how_far(rig
 # A step takes 200 ms, without the interpreter's lock, as onnxruntime computes.
 SLOW_MODEL = """
 import hashlib, time
-from runtime.loop import prediction
+from runtime.loop import prediction_worker
 from runtime.predictor import PackagePredictor
 from wakedeploy.cli import main
 
-prediction.WARM_UP_CALLS = 5
+prediction_worker.WARM_UP_CALLS = 5
 step, block = PackagePredictor.step, bytes(1 << 20)
 
 def slow_step(self, observation):

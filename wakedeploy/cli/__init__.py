@@ -1,4 +1,4 @@
-"""The command line: one small file per command, each a thin edge over the other packages.
+"""The command line: a file per command, a thin edge over the other packages, and what they share.
 
 In: arguments. Out: text, tables, files and an exit status (0 done, 1 a run or check failed,
 2 unusable input, 130 Ctrl-C). May import everything, heavy libraries only inside the command

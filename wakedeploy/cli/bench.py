@@ -92,8 +92,9 @@ def as_json(rows: "Sequence[BenchRow]", budget_ms: float) -> dict[str, Any]:
 
 def _reference_packages(folder: Path) -> list[Path]:
     from export.reference import write_reference_packages
+    from trainers.build import ARCHITECTURES
 
-    with progress("Exporting the eight architectures", 8) as bar:
+    with progress("Exporting the architectures", len(ARCHITECTURES)) as bar:
         return write_reference_packages(folder, bar.update)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from runtime.loop.loop import Loop
 from runtime.loop.pilot import FORCE, OBSERVATION, LogValue, observation
-from runtime.loop.prediction import Predictions
+from runtime.loop.prediction_worker import Predictions
 from runtime.predictor import PackagePredictor
 from runtime.reference import FlightPlan, random_plan
 from runtime.request import require_fit

@@ -14,7 +14,7 @@ from runtime.io.protocol import Command as WireCommand
 from runtime.loop.arming import arm_limits
 from runtime.loop.blind import ladder_s
 from runtime.loop.loop import Loop, applied_s, budget_s, require_wait
-from runtime.loop.prediction import Result
+from runtime.loop.prediction_worker import Result
 from runtime.loop.safety import LINK_LOST_S
 from runtime.loop.watch import GapWatch
 from runtime.reference import hold_plan, random_plan

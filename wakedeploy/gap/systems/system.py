@@ -2,7 +2,7 @@
 
 In: a class of about twenty lines, derived from `System`. Out: the same, checked by name and tried
 once. Its functions are written for one point; they are called with arrays whose leading axes are
-batches, so they use numpy alone. `loading` reads such a class from a file.
+batches, so they use numpy alone. `files` reads such a class from a file.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Forces given by an expression: one from a rig file, or a term that a search tries.
 
-An expression is arithmetic that has been read against a whitelist (`physics.expression`). Whatever
+An expression is arithmetic that has been read against a whitelist (`core.expression`). Whatever
 it says, the force stays within three times the sufferer's weight, and a force that is no number
 stops the simulation with the state at which it happened.
 """

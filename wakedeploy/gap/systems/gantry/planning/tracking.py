@@ -12,7 +12,7 @@ import numpy as np
 
 from runtime.loop.loop import Loop
 from runtime.loop.pilot import OBSERVATION
-from runtime.loop.prediction import Result
+from runtime.loop.prediction_worker import Result
 from runtime.reference import random_plan
 from runtime.simulated import SimulatedGantry
 from wakedeploy.core.manifest import FloatArray

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from runtime.io.realtime import FIFO_PRIORITY
-from runtime.loop import prediction
-from runtime.loop.prediction import PredictionWorker
+from runtime.loop import prediction_worker
+from runtime.loop.prediction_worker import PredictionWorker
 from wakedeploy.core.errors import CheckFailed
 from wakedeploy.core.manifest import ForceChannel, ObservationChannel
 
@@ -72,7 +72,7 @@ def test_after_the_warm_up_the_memory_is_empty_and_fills(worker):
 
 
 def test_a_model_that_does_not_get_warm_is_never_flown(model, monkeypatch):
-    monkeypatch.setattr(prediction, "WARM_UP_LIMIT_S", 0.05)
+    monkeypatch.setattr(prediction_worker, "WARM_UP_LIMIT_S", 0.05)
     model.go.clear()
     cold = PredictionWorker(model, 0.001)
     with pytest.raises(CheckFailed, match=r"not over after 0\.05 s"):
@@ -106,9 +106,9 @@ def test_a_model_that_raises_gives_no_number_and_goes_on(worker, model):
 
 def test_a_model_that_hangs_piles_nothing_up_and_starts_anew(worker, model):
     model.go.clear()
-    for _ in range(3 * prediction.MOST_WAITING):
+    for _ in range(3 * prediction_worker.MOST_WAITING):
         assert worker.step(OBSERVATION, 0.0) is None
-    assert worker._asked.qsize() <= prediction.MOST_WAITING
+    assert worker._asked.qsize() <= prediction_worker.MOST_WAITING
     model.go.set()
     while worker._asked.qsize():
         time.sleep(0.001)
