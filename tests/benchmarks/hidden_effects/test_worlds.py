@@ -4,12 +4,14 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects.cases import Case, all_cases, hidden_effects, values_at
+from benchmarks.hidden_effects import worlds
+from benchmarks.hidden_effects.cases import FLIGHTS, Case, all_cases, hidden_effects, values_at
 from benchmarks.hidden_effects.measure import Measured
 from benchmarks.hidden_effects.outside import OUTSIDE
 from benchmarks.hidden_effects.run import Job, do_case
@@ -151,3 +153,21 @@ def test_the_truths_fit_is_no_worse_than_the_bases_where_constants_were_bent_to_
     assert strength.fit.per_episode.sum() > measured.base.per_episode.sum()
     assert 10.0 < strength.nats < 300.0  # 222: it takes two effects of some 100 each
     assert measured.floor(strength.fit, ["flight5", "flight6"]).rms_m < 0.01
+
+
+def test_a_flight_that_ends_at_take_off_is_flown_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By another seed each time, a few times; what never flies is handed on as it is."""
+    seeds: list[int] = []
+
+    def short(case: Case, seed: int, seconds: float) -> SimpleNamespace:
+        seeds.append(seed)
+        return SimpleNamespace(flying=np.arange(640) < (600 if seed == flies else 20))
+
+    case = next(case for case in all_cases() if case.kind == "effect")
+    monkeypatch.setattr(worlds, "fly", short)
+    first = 100 * case.seed + 3
+    for flies, tried in ((first, 1), (first + FLIGHTS, 2), (-1, 4)):
+        seeds.clear()
+        log = worlds.flight(case, 3)
+        assert seeds == [first + k * FLIGHTS for k in range(tried)]
+        assert log.flying.sum() == (600 if flies >= 0 else 20)
