@@ -17,7 +17,7 @@ import click
 
 from benchmarks.form_error.cases import Case, flights_of
 from benchmarks.form_error.judge import row
-from benchmarks.form_error.plan import hidden_name, no_effect, trivial, with_effect
+from benchmarks.form_error.plan import hidden_names, no_effect, trivial, with_effect
 from benchmarks.form_error.table import curve, curve_text
 from benchmarks.form_error.worth import worth_of
 from benchmarks.records import FOLDER, write
@@ -33,8 +33,8 @@ def answered(case: Case, out: Path) -> dict[str, Any]:
     began_s = time.process_time()
     folder = out / "answers" / f"{case.name}-{case.digest}"
     result = close(logs[0].parent / "rig.toml", logs, folder, workers=1, report=False, plan=False)
-    seconds, hidden = time.process_time() - began_s, hidden_name(case)
-    worth = worth_of(hidden, logs, folder) if hidden else None
+    seconds, hidden = time.process_time() - began_s, hidden_names(case)
+    worth = worth_of(hidden, logs, folder) if hidden else {}
     return row(case, result.as_json(), default_rig(), seconds, worth)
 
 
@@ -45,7 +45,7 @@ def run(cases: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:
     """
     kept = out / "rows.jsonl"
     out.mkdir(parents=True, exist_ok=True)
-    known = {line["digest"]: line for line in read_json_lines(kept)}
+    known = {line["digest"]: line for line in read_json_lines(kept) if "worth" in line}
     remaining = [case for case in cases if case.digest not in known]
     random.Random(0).shuffle(remaining)
 

@@ -5,8 +5,8 @@ In: a case and `result.json`. Out: one row for the table.
 Rules. Without an effect, only "nothing that matters" is right: the verdict none, or names that
 are all labelled too small to matter. With one, the name or a class of at most three that holds it;
 "unknown" is useless. "None" is right where the effect, known by name, would remove no twentieth of
-the forecast error on the sealed flights; else the effect was missed. What was put into the rig file
-must not make the sealed forecast worse.
+the squared forecast error on the sealed flights at any horizon; else the effect was missed. What
+was put into the rig file must not make the sealed forecast worse.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,8 @@ from typing import Any
 from benchmarks.form_error.cases import Case, jet_of_case
 from benchmarks.form_error.plan import hidden_name
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.systems.gantry.search.importance import Mattering
+from wakedeploy.gap.systems.gantry.rules import RULES
+from wakedeploy.gap.systems.gantry.search.importance import Removed
 
 _AHEAD = "height 0.25 s ahead"
 
@@ -25,15 +26,16 @@ def row(
     result: Mapping[str, Any],
     rig: Rig,
     seconds: float,
-    worth: Mattering | None,
+    worth: Mapping[float, Removed],
 ) -> dict[str, Any]:
-    """One case, judged; `worth` is that of what it hides."""
+    """One case, judged; `worth` is what the hidden removes, by horizon [s]."""
     jet, hidden = jet_of_case(case, rig), hidden_name(case)
     effects = [e for e in result["effects"] if (e.get("worth") or {}).get("matters", True)]
     small = [e["name"] for e in result["effects"] if e not in effects]
     channel = result["gap"][_AHEAD]
     added = result["verdict"] == "named" and bool(effects)
-    named, matters = [e["name"] for e in effects], worth is not None and worth.matters
+    named = [e["name"] for e in effects]
+    matters = any(removed.share >= RULES.least_share for removed in worth.values())
     return {
         "case": case.name,
         "jet": case.jet,
@@ -43,7 +45,7 @@ def row(
         "hidden": hidden,
         "verdict": result["verdict"],
         "matters": matters,
-        "worth": None if worth is None else worth.removed[0.25].share,
+        "worth": {f"{horizon:g}": removed.share for horizon, removed in worth.items()},
         "named": named,
         "small": small,
         "class": result["class"],

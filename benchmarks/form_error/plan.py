@@ -5,6 +5,7 @@ In: nothing. Out: cases without any effect over families and misfits, and cases 
 
 from benchmarks.form_error.cases import FRICTIONS, MOTORS, NOISES, SENSORS, Case
 from benchmarks.form_error.profiles import FAMILIES
+from wakedeploy.physics.effects import LIBRARY
 
 DOSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # misfit of the steady force, of its own size
 MEANT = 0.04
@@ -68,10 +69,15 @@ def trivial(count: int) -> list[Case]:
     return [_case(_FIRST_SEED + 900 + k, "same", 0.0, k, TRIVIAL) for k in range(count)]
 
 
+def hidden_names(case: Case) -> tuple[str, ...]:
+    """The library's names of what a case hides."""
+    names = (NAMES.get(key, key.partition(".")[0]) for key in case.effects)
+    return tuple(dict.fromkeys(n for n in names if n in LIBRARY))
+
+
 def hidden_name(case: Case) -> str:
-    """The library's name of what a case hides; "" for nothing."""
-    first = next(iter(case.effects), "")
-    return NAMES.get(first, first.partition(".")[0])
+    """The first of them; "" for nothing."""
+    return next(iter(hidden_names(case)), "")
 
 
 def _case(seed: int, jet: str, dose: float, number: int, effects: dict[str, float]) -> Case:
@@ -80,7 +86,7 @@ def _case(seed: int, jet: str, dose: float, number: int, effects: dict[str, floa
         seed,
         jet,
         dose,
-        friction=list(FRICTIONS)[number % len(FRICTIONS)],
+        friction=list(FRICTIONS)[number // len(FRICTIONS) % len(FRICTIONS)],
         motor=list(MOTORS)[number % len(MOTORS)],
         sensor=list(SENSORS)[(number // 2) % len(SENSORS)],
         noise=list(NOISES)[(number // 3) % len(NOISES)],

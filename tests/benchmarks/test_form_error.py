@@ -17,7 +17,7 @@ from benchmarks.form_error.equations import (
     advance,
 )
 from benchmarks.form_error.judge import answer_of
-from benchmarks.form_error.plan import DOSES, hidden_name, no_effect, with_effect
+from benchmarks.form_error.plan import DOSES, hidden_names, no_effect, trivial, with_effect
 from benchmarks.form_error.plant import FormPlant
 from benchmarks.form_error.profiles import DISTANCE_M, FAMILIES, LATERAL_M, Jet
 from wakedeploy.physics.jet import VerticalJet
@@ -113,7 +113,10 @@ def test_the_plan_takes_every_family_at_every_misfit() -> None:
     assert {case.misfit for case in cases} == set(DOSES)
     assert {case.jet for case in cases if case.misfit} == set(FAMILIES) - {"same"}
     assert len({case.seed for case in (*cases, *with_effect(2))}) == len(cases) + 24
-    assert all(hidden_name(case) for case in with_effect(1))
+    assert all(len(hidden_names(case)) == 1 for case in with_effect(1))
+    assert all(len(hidden_names(case)) == 2 for case in trivial(1))
+    pairs = {(case.jet, case.friction) for case in no_effect(20) if case.misfit}
+    assert len(pairs) == 16
     for plan, few, many in ((no_effect, 4, 20), (with_effect, 2, 4)):
         assert {c.name for c in plan(few)} < {c.name for c in plan(many)}
     assert len([case for case in no_effect(20) if case.misfit <= 0.04]) == 100

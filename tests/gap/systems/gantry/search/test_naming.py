@@ -174,18 +174,6 @@ def notch(t_s, state) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("explained", "has_name"), [(39.7, True), (30.0, False)])
-def test_a_formula_takes_no_place_of_effects_that_explain_nearly_as_much(
-    monkeypatch, late, explained, has_name
-) -> None:
-    """A viscous force and a little of the wake's form, 48.7 nats, for a loss of thrust in climb."""
-    formula = SimpleNamespace(gain_nats=48.7)
-    monkeypatch.setattr(naming, "gain_over", lambda *_: explained)
-    monkeypatch.setattr(naming, "_expression", lambda *_, **__: formula)
-    unknown, rest = naming._rest(late.base_model, late.base, late.fit, None, LIMITS)
-    assert (unknown is formula, rest) == (not has_name, None)
-
-
 def test_nothing_is_not_the_answer_where_a_place_disagrees() -> None:
     """No effect, no expression and white innovations: the fitted noise has swallowed it."""
     model = GantryModel(RIG, [flown(seed, hook=notch) for seed in SEEDS])
@@ -197,6 +185,18 @@ def test_nothing_is_not_the_answer_where_a_place_disagrees() -> None:
         for seen in (False, bool(places))
     }
     assert verdicts == {False: "none", True: "unknown"}
+
+
+@pytest.mark.parametrize(("explained", "has_name"), [(39.7, True), (30.0, False)])
+def test_a_formula_takes_no_place_of_effects_that_explain_nearly_as_much(
+    monkeypatch, explained, has_name
+) -> None:
+    """A viscous force and a little of the wake's form, 48.7 nats, for a loss of thrust in climb."""
+    formula, fitted = SimpleNamespace(gain_nats=48.7), SimpleNamespace(hypothesis=("one",))
+    monkeypatch.setattr(naming, "gain_over", lambda *_: explained)
+    monkeypatch.setattr(naming, "_expression", lambda *_, **__: formula)
+    unknown, rest = naming._rest(None, None, fitted, None, LIMITS)
+    assert (unknown is formula, rest) == (not has_name, None)
 
 
 def test_too_few_flights_are_not_searched_for_a_verdict() -> None:
