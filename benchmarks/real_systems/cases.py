@@ -3,8 +3,12 @@
 What is expected was written down before the first run. Where answers named afterwards what sources
 say as well, it was widened: dry friction of the SO-101's servos, ground effect of the drone, and an
 offset of the positioning system. One case was added: the Silverbox without its channels' means,
-which hid everything else in the first one. The last two were added when the filter had got its
-lasting pushes, before any run.
+which hid everything else in the first one. The second pendulum, the second motor and the climbing
+drone were added when the filter had got its lasting pushes, before any run of theirs; the hydraulic
+actuator, the take-off and the three drones later. Of the three drones the expected effect is the
+system's own, stated in its file in the form that is later built in: what is asked is whether it is
+preferred to the library's. Their first run, with two flights, found the width of a jet taken for a
+size; what is judged is the three flights of a day that have no gaps.
 """
 
 from collections.abc import Callable, Mapping
@@ -109,7 +113,7 @@ def _pushed(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
 def _standing(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
     """What a floor bears."""
     sunk = np.maximum(c.floor_m - state.height_m, 0.0)
-    return {"climb_mps": sunk * (c.stiffness_npm - c.damping_nspm * state.climb_mps) / c.mass_kg}
+    return {"climb_mps": sunk * (c.stiffness_npm - c.damping_nspm2 * state.climb_mps) / c.mass_kg}
 
 
 def _blown_at(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
@@ -287,8 +291,7 @@ CASES = (
         ("dead-band@valve", "asymmetry@valve", "saturation@valve"),
         "Merritt (1967): a valve's overlap is a dead band, and its flow falls with the pressure;"
         " Sjöberg (1995): a model with nonlinear terms simulates this one better",
-        ("gain@valve", "bias@valve", "offset@pressure", "cubic-stiffness@pressure",
-         "square-stiffness@pressure", "quadratic-drag@pressure"),
+        ("gain@valve", "bias@valve", "offset@pressure", "quadratic-drag@pressure"),
     ),
     Case(
         "drone, taking off", "takeoff.py", "takeoff.toml", ("crazyflie-more/takeoff_s_c21_00.npz",),
@@ -296,10 +299,10 @@ CASES = (
         "Neural-Swarm (2020): flights begin and end on the floor",
         ("ground-effect@climb_mps", "offset@climb_mps", "viscous-friction@climb_mps",
          "quadratic-drag@climb_mps", "sensor-dead-time@height_m", "sensor-lag@height_m",
-         *(f"coupling-from-thrust_{i}_n@climb_mps" for i in range(1, 5))),
+        ),
         Added(
             (Constant("floor_m", 0.05, 0.005, "m"), Constant("stiffness_npm", 50.0, INF, "N/m"),
-             Constant("damping_nspm", 200.0, INF)),
+             Constant("damping_nspm2", 200.0, INF)),
             _standing,
         ),
     ),
@@ -309,8 +312,7 @@ CASES = (
         ("downwash",), "Neural-Swarm (2020): downwash of the drones above",
         ("ground-effect@climb_mps", "offset@climb_mps", "viscous-friction@climb_mps",
          "quadratic-drag@climb_mps", "added-inertia@climb_mps", "sensor-dead-time@height_m",
-         "sensor-lag@height_m",
-         *(f"coupling-from-thrust_{i}_n@climb_mps" for i in range(1, 5))),
+         "sensor-lag@height_m"),
         Added(
             (Constant("strength_n", 0.05, INF, "N"), Constant("width_m", 0.1, 0.05, "m")),
             _blown_at,

@@ -129,4 +129,4 @@ def test_every_case_has_its_system_and_its_columns():
         parts = [p for p in PARTS if p != "in" or case.added is not None]
         for part in parts:
             ports = {p.name for p in system_of(case, part).ports}
-            assert {n.partition("@")[2] for n in (*case.expected, *case.further)} <= ports
+            assert {n.rpartition("@")[2] for n in (*case.expected, *case.further)} <= ports

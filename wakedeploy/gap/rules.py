@@ -26,11 +26,12 @@ class Rules:
         least_share: Share of the squared error of forecasts that an effect removes to matter.
         least_of_gap: Share of the squared error that there was at first which a further effect
             removes to matter.
-        simpler_share: Share of the best's gain that a simpler effect needs to be named instead.
+        simpler_share: Share of the best's gain that a simpler effect needs to be named instead, and
+            an effect of the library to keep its name beside a formula.
         unexplained_share: An effect that is not named and removes more than this share of the
             squared error shows that something unknown is missing.
         unknown_push: Share of a rate from which a lasting push that nothing explains is something
-            unknown, whatever it follows.
+            unknown, whatever it follows: the model then knows less than two thirds of what acts.
         surely_share: An effect that surely removes more than this share of the squared error is
             named, also where forecasts that ask no model are better than those with it.
         most_effects: More than these are not named in one answer.

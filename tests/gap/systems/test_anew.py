@@ -123,3 +123,33 @@ def test_what_was_found_for_another_port_is_found_again(tmp_path):
         model = LogModel(system, [log])
         keys |= {OwnFolder(model, tmp_path).key, OwnFolder(model, tmp_path).key}
     assert len(keys) == len(at_slope)
+
+
+def test_what_was_found_for_another_system_is_found_again(tmp_path):
+    """Whatever a user changes in the file: statements, functions, an effect of the user's own."""
+    log = driven(4.0)
+
+    def own(sign, size, width):
+        def acting(t, state, inputs, p):
+            near = np.exp(-((state.speed_v / p.width) ** 2))
+            return {"slope_v_per_s": sign * p.strength * near}
+
+        return [
+            *Belt.ports,
+            Port.custom("own", acting, {"strength": ("V/s/s", size)}, {"width": ("V", width)}),
+        ]
+
+    def shifted(self, state, inputs, c):
+        return {"reading_v": np.abs(state.speed_v - 0.01)}
+
+    changes = (
+        {}, {"ports": own(1.0, 2.0, 1.0)}, {"ports": own(-1.0, 2.0, 1.0)},
+        {"ports": own(1.0, 3.0, 1.0)}, {"ports": own(1.0, 2.0, 0.5)}, {"measure": shifted},
+        {"forecast_s": 0.3}, {"outlier_share": 0.01}, {"start_spread": {"slope_v_per_s": 3.0}},
+        {"process_noise": {"slope_v_per_s": 5.0}}, {"start": lambda self, measured: {}},
+    )  # fmt: skip
+    keys = [
+        OwnFolder(LogModel(type("Belt", (Belt,), change)(), [log]), tmp_path).key
+        for change in changes
+    ]
+    assert len(set(keys)) == len(changes)

@@ -83,15 +83,37 @@ def test_an_effect_of_the_user_s_own_has_a_shape_beside_its_size(width_m):
     assert best.fit.value("jet.width_m") == pytest.approx(width_m, rel=0.1)
 
 
-def test_a_shape_that_is_also_a_size_or_is_not_positive_is_refused():
-    for shapes, told in (
-        ({"strength": ("m", 0.3)}, "strength"),
-        ({"width_m": ("m", 0.0)}, "width_m"),
-        ({"width_m": ("m", float("nan"))}, "width_m"),
-    ):
-        port = Port.custom("jet", blown, {"strength": ("m/s²", 1.0)}, shapes)
-        with pytest.raises(UnusableInput, match=told):
-            checked(type("Carriage", (Carriage,), {"ports": [port]})())
+SIZE, WIDTH = {"strength": ("m/s²", 1.0)}, {"width_m": ("m", 0.3)}
+
+
+@pytest.mark.parametrize(
+    ("function", "parameters", "shapes", "told"),
+    [
+        (blown, SIZE, {"strength": ("m", 0.3)}, "'strength' as a parameter and as a shape"),
+        (blown, SIZE, {"width_m": ("m", 0.0)}, "'width_m' of the effect 'jet'"),
+        (blown, SIZE, {"width_m": ("m", float("nan"))}, "'width_m' of the effect 'jet'"),
+        (blown, SIZE, {"width_m": ("m", "wide")}, "give a positive number"),
+        (blown, {}, WIDTH, "no parameter at which it vanishes"),
+        (blown, SIZE, {}, "parameter 'width_m' is not there"),
+        (lambda t, state, inputs, p: {"height_m": p.strength}, SIZE, WIDTH, "'height_m', no state"),
+        (lambda t, state, inputs, p: {"speed_mps": 1.0}, SIZE, WIDTH, "has to vanish there"),
+        (lambda t, state, inputs, p: {"speed_mps": np.log(-p.strength)}, SIZE, {}, "no number"),
+        (lambda t, state, inputs, p: {"speed_mps": np.ones(2)}, SIZE, {}, "the shape"),
+        (lambda t, state, inputs, p: p.strength, SIZE, {}, "return a dict"),
+    ],
+)
+def test_an_effect_of_the_user_s_own_that_cannot_act_is_refused(function, parameters, shapes, told):
+    port = Port.custom("jet", function, parameters, shapes)
+    with pytest.raises(UnusableInput, match=told):
+        checked(type("Carriage", (Carriage,), {"ports": [port]})())
+
+
+def test_one_reading_that_strays_is_no_end_of_the_way():
+    recording = recorded(lambda x: 200.0 * max(5.2 - x, 0.0))
+    recording.columns["position_m"][700] = 20.0
+    sizes = LogModel(Carriage(), [recording]).sizes
+    assert sizes["highest position_m"] < 6.5
+    assert sizes["lowest position_m"] > 5.0
 
 
 def test_a_correction_keeps_the_ends_of_the_way_and_refuses_a_size_below_zero(tmp_path):

@@ -146,11 +146,24 @@ class Followed(Part):
     means: list[Number]
 
 
+class Law(Part):
+    """A law over a coordinate, and over the direction of motion where `by_direction`.
+
+    It removes a share of forecasts' squared error, with its interval of 90 %.
+    """
+
+    coordinate: str
+    by_direction: bool
+    removes: Number
+    low: Number
+    high: Number
+
+
 class Leftover(Part):
     """A push on a state's rate that nothing explains: its sd, and its share of the usual rate.
 
-    `removes` is the share of forecasts' squared error that a law over the coordinate `against`
-    would remove; `matters` is whether the push shows that something unknown is missing.
+    `law` is the most evident function of one coordinate that it follows, `matters` whether the
+    push shows that something unknown is missing.
     """
 
     state: str
@@ -159,7 +172,7 @@ class Leftover(Part):
     lasts_s: Number
     share: Number
     against: Followed | None = None
-    removes: Number
+    law: Law | None = None
     matters: bool
 
 

@@ -107,7 +107,8 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
         begun = settled(part, fit(part, (), base.episodes, base.theta))[0]
     outcome = _searched(model, base, Named(begun, begun, []), progress)
     is_unknown = verdict_of(outcome) == "unknown"
-    if not is_unknown and not is_outdone(model, outcome.found):
+    is_whole = not (is_unknown or outcome.leftover or _evident_yet_unnamed(outcome))
+    if is_whole and not is_outdone(model, outcome.found):
         return outcome
     stage = "beginning effects anew"
     anew = begun_anew(part, begun, list(part.effects), functools.partial(progress, stage))
@@ -146,10 +147,7 @@ def _searched(
     if not needed and is_outdone(model, outcome.found):
         outcome = replace(outcome, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
-    if acting is None:
-        return outcome
-    chance = max((r["threshold_nats"] for r in outcome.rounds), default=RULES.least_nats)
-    return replace(outcome, leftover=acting(outcome.found, chance))
+    return outcome if acting is None else replace(outcome, leftover=acting(outcome.found))
 
 
 def _on_all(model: Comparison, base: Fit, outcome: Named) -> Named:
@@ -478,7 +476,13 @@ def verdict_of(outcome: Named) -> str:
         return "class" if len(outcome.rivals) <= RULES.most_in_class else "unknown"
     if outcome.found.hypothesis:
         return "named"
-    rejected = [e["forecast"] for r in outcome.rounds for e in r["ranking"] if "forecast" in e]
-    doubtful = any(f["share"] > RULES.unexplained_share and f["low"] > 0.0 for f in rejected)
+    doubtful = any(f["share"] > RULES.unexplained_share for f in _evident_yet_unnamed(outcome))
     acts = any(push["matters"] for push in outcome.leftover)
     return "unknown" if doubtful or acts or outcome.is_outdone else "none"
+
+
+def _evident_yet_unnamed(outcome: Named) -> list[dict[str, float]]:
+    """What forecasts would gain by each effect that is evident where nothing was named."""
+    if outcome.found.hypothesis:
+        return []
+    return [e["forecast"] for r in outcome.rounds for e in r["ranking"] if "forecast" in e]

@@ -1,21 +1,22 @@
 """What still acts on a system and is explained by nothing named: where, how large, how lasting.
 
 In: a `LogModel` and a fit. Out: for each driven rate the lasting push that the filter has to
-assume, if it is no small share of the rate, the coordinate that it follows most, and what forecasts
-would gain if it followed it always. What forecasts gain nothing from is a disturbance, of which no
-model can tell more; what they do gain from is a law that nobody has named yet.
+assume, if it is no small share of the rate; the law that it seems to follow, and what forecasts
+would gain by that law. A law is any function of one coordinate, straight between knots, or of one
+coordinate and the direction of motion. What follows no such law acts as a disturbance does.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, settled
-from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.looking import Ground, Look, looks
 from wakedeploy.gap.search.residual_profiles import ranges
+from wakedeploy.gap.search.scan import chance_nats
 from wakedeploy.gap.search.weighing import crossed, weight_of
 from wakedeploy.gap.systems.kinds.kind import Scales
 from wakedeploy.gap.systems.kinds.library import Effect, custom_kind
@@ -27,18 +28,33 @@ if TYPE_CHECKING:
 LITTLE = 0.05  # of the usual rate: as much as any model's form may be off
 _SURE = 0.5  # ln sd: a push whose size is told no better is no finding
 _FOLLOWED = 0.1  # share of a push's variance that a coordinate has to tell
-_KNOTS = 5  # of a law over a coordinate
+_KNOTS, _FEWER_KNOTS = 16, 6  # of a law over a coordinate, of one that has a direction as well
+_TURNS = 0.02  # of the usual speed, over which a direction turns
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law that is evident in a push: over which coordinate, and whether the direction counts.
+
+    `removes` is the share of forecasts' squared error that it removes on blocks that it was not
+    fitted to, from `low` to `high` in nine of ten cases.
+    """
+
+    coordinate: str
+    by_direction: bool
+    removes: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
 class Leftover:
     """A push on a state's rate: its sd, how long it lasts, and its share of the usual rate.
 
-    `against` says which coordinate it follows most, if any: its name and unit, the share of the
-    push's variance that it tells, edges of its ranges and the push's mean in each. `removes` is the
-    share of forecasts' squared error that a law over that coordinate would remove, `matters`
-    whether that is enough to say that something unknown is missing, or the push as large as what
-    the model knows.
+    `against` says which coordinate it follows most as the filter tracks it, if any: its name and
+    unit, the share of the push's variance that it tells, edges of its ranges and the push's mean in
+    each. `law` is the most evident of all laws, None where none is more than chance brings.
+    `matters` is whether the push shows that something unknown is missing.
     """
 
     state: str
@@ -47,79 +63,134 @@ class Leftover:
     lasts_s: float
     share: float
     against: dict[str, Any] | None = None
-    removes: float = 0.0
-    matters: bool = False
+    law: Law | None = None
+    matters: bool = True
 
 
-def leftovers(model: "LogModel", fitted: Fit, chance_nats: float) -> tuple[Leftover, ...]:
-    """Pushes that are no small share of their rate, the largest share first.
+def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
+    """Pushes that are no small share of their rate, or whose law forecasts gain by; largest first.
 
-    A law is believed that gains more than chance brings, and if forecasts of blocks that it was not
-    fitted to get better by it.
+    A large one does not matter if no law is evident in it, or if forecasts of blocks surely gain
+    little by the law; a small one matters if they surely gain. As large as half of the usual rate
+    it matters in any case. Where effects were named, only large ones are asked about.
     """
-    found = []
+    large, small = [], []
     for k, name in enumerate(model.driven):
         sd = float(np.exp(fitted.value(f"push.{name}")))
         share = sd / model.sizes[f"d {name}"]
+        unit = f"{model.system.states[name]}/s"
+        lasts_s = float(np.exp(fitted.value(f"lasting.{name}")))
+        push = Leftover(name, sd, unit, lasts_s, share)
         if share > LITTLE and fitted.standard_error(f"push.{name}") < _SURE:
-            unit = f"{model.system.states[name]}/s"
-            lasts_s = float(np.exp(fitted.value(f"lasting.{name}")))
-            against = _followed(model, fitted, k)
-            found.append(Leftover(name, sd, unit, lasts_s, share, against))
-    asked = [_asked(model, fitted, push, chance_nats) for push in found]
-    return tuple(sorted(asked, key=lambda push: -push.share))
-
-
-def _asked(model: "LogModel", fitted: Fit, push: Leftover, chance_nats: float) -> Leftover:
-    """A push with what forecasts would gain by a law over the coordinate that it follows."""
-    largely = push.share > RULES.unknown_push
-    if push.against is None:
-        return replace(push, matters=largely)
-    law = _law(model, push)
+            large.append(replace(push, against=_followed(model, fitted, k)))
+        elif not fitted.hypothesis:
+            small.append(push)
+    if not large and not small:
+        return ()
     part = model.thinned()
-    before = fitted
     if part is not model:
         again = fit(part, fitted.hypothesis, fitted.episodes, fitted.theta)
-        before = settled(part, again)[0]
-    lawful = part.with_effect(law)
-    start = np.append(before.theta, [f.neutral for f in law.free])
-    after = fit(lawful, (*before.hypothesis, law.name), before.episodes, start)
-    if candidate(before, law.name, after).gain_nats <= chance_nats:
-        return replace(push, matters=largely)
-    removed = weight_of(crossed(part, before), crossed(lawful, after))
-    matters = removed.share > RULES.unexplained_share and removed.low > 0.0
-    return replace(push, removes=max(removed.share, 0.0), matters=largely or matters)
+        fitted = settled(part, again)[0]
+    told = [_asked(part, fitted, push) for push in large]
+    told += [push for push in (_asked(part, fitted, push) for push in small) if _is_gained_by(push)]
+    return tuple(sorted(told, key=lambda push: -push.share))
 
 
-def _law(model: "LogModel", push: Leftover) -> Effect:
+def _is_gained_by(push: Leftover) -> bool:
+    """Whether forecasts surely gain by a push's law, so much that something must be missing."""
+    law = push.law
+    return law is not None and law.removes > RULES.unexplained_share and law.low > 0.0
+
+
+def _asked(model: "LogModel", fitted: Fit, push: Leftover) -> Leftover:
+    """A push with the most evident law that it follows, and what that is worth."""
+    laws = _laws(model, push)
+    wider = model.with_effects(laws)
+    ground = Ground.of(fitted)
+    seen = looks(wider, ground, list(laws))
+    best = max(seen, key=_merit, default=None)
+    law = None
+    if best is not None and _merit(best) > chance_nats(ground, seen, fitted):
+        law = _worth(wider, fitted, best, laws[best.name])
+    matters = law is not None and law.high >= RULES.unexplained_share
+    return replace(push, law=law, matters=matters or push.share > RULES.unknown_push)
+
+
+def _merit(look: Look) -> float:
+    """What a law promises [nats], each of its knots at the price of one that chance would bring."""
+    return float(look.promised - look.columns[0].shape[1])
+
+
+def _worth(model: "LogModel", fitted: Fit, look: Look, law: Effect) -> Law:
+    """What forecasts gain by a law, fitted."""
+    hypothesis = (*fitted.hypothesis, law.name)
+    start = look.fit.theta if look.fit.objective > fitted.objective else None
+    if start is None:
+        start = np.append(fitted.theta, [f.neutral for f in law.free])
+    after = fit(model, hypothesis, fitted.episodes, start)
+    removed = weight_of(crossed(model, fitted), crossed(model, after))
+    by_direction = law.kind.name == _BY_DIRECTION
+    return Law(law.other, by_direction, removed.share, removed.low, removed.high)
+
+
+_BY_DIRECTION = "law-by-direction"
+
+
+def _laws(model: "LogModel", push: Leftover) -> dict[str, Effect]:
+    """Laws over every input and every state that the logs show, without and with a direction."""
+    known = [model.coordinates(e) for e in range(model.episodes)]
+    moving = model.sizes.get(f"turns {push.state}", 0.0) > 0.0
+    laws = {}
+    for coordinate in (name for name in known[0] if name != "time"):
+        values = np.concatenate([at[coordinate][1] for at in known])
+        for by_direction in (False, True) if moving and coordinate != push.state else (False,):
+            count = _FEWER_KNOTS if by_direction else _KNOTS
+            knots = np.unique(np.nanquantile(values, np.linspace(0.0, 1.0, count)))
+            if len(knots) > 1 or by_direction:
+                law = _law(model, push, coordinate, knots, by_direction)
+                laws[law.name] = law
+    return laws
+
+
+def _law(
+    model: "LogModel", push: Leftover, coordinate: str, knots: FloatArray, by_direction: bool
+) -> Effect:
     """An effect on a state's rate that is any function of a coordinate, straight between knots."""
-    assert push.against is not None
-    coordinate, edges = push.against["coordinate"], push.against["edges"]
-    knots = np.quantile(edges, np.linspace(0.0, 1.0, _KNOTS))
-    knots = knots[np.insert(np.diff(knots) > 0.0, 0, True)]
     per_step = 1.0 / model.system.rate_hz if model.system.has_step else 1.0
     names = [f"at_{k}" for k in range(len(knots))]
+    turns = _TURNS * model.sizes[push.state]
 
     def acting(time_s: Any, state: Any, inputs: Any, p: Any) -> Mapping[str, Any]:
         of = state if coordinate in model.system.states else inputs
-        at = np.clip(getattr(of, coordinate), knots[0], knots[-1])
-        total = 0.0 * at
-        for k, name in enumerate(names):
-            hat = np.ones_like(at)
-            if k > 0:
-                hat = np.minimum(hat, (at - knots[k - 1]) / (knots[k] - knots[k - 1]))
-            if k + 1 < len(knots):
-                hat = np.minimum(hat, (knots[k + 1] - at) / (knots[k + 1] - knots[k]))
-            total = total + getattr(p, name) * np.maximum(hat, 0.0)
+        heights = [getattr(p, name) for name in names]
+        total = _straight(getattr(of, coordinate), knots, heights)
+        if by_direction:
+            total = total * np.tanh(getattr(state, push.state) / turns)
         return {push.state: per_step * total}
 
     size = model.sizes[f"d {push.state}"]
-    port = Port.custom(
-        f"law-over-{coordinate}@{push.state}", acting, dict.fromkeys(names, (push.unit, size))
-    )
+    kind = _BY_DIRECTION if by_direction else "law"
+    name = f"{kind}-over-{coordinate}@{push.state}"
+    port = Port.custom(kind, acting, dict.fromkeys(names, (push.unit, size)))
     own = {f"own {name}": size for name in names}
     scales = Scales(own, dict.fromkeys(own, push.unit))
-    return Effect(port.name, custom_kind(port), port, scales)
+    return Effect(name, custom_kind(port), port, scales, coordinate)
+
+
+def _straight(at: Any, knots: FloatArray, heights: Sequence[Any]) -> Any:
+    """What lies between knots on straight lines, beyond them as at the last one."""
+    if len(knots) < 2:
+        return heights[0] + 0.0 * at
+    at = np.clip(at, knots[0], knots[-1])
+    total = 0.0 * at
+    for k, height in enumerate(heights):
+        hat = np.ones_like(at)
+        if k > 0:
+            hat = np.minimum(hat, (at - knots[k - 1]) / (knots[k] - knots[k - 1]))
+        if k + 1 < len(knots):
+            hat = np.minimum(hat, (knots[k + 1] - at) / (knots[k + 1] - knots[k]))
+        total = total + height * np.maximum(hat, 0.0)
+    return total
 
 
 def _followed(model: "LogModel", fitted: Fit, place: int) -> dict[str, Any] | None:

@@ -31,6 +31,7 @@ _TOGETHER = 15000  # samples times effects that are looked at in one run
 _SEARCHED = 24000  # samples times states that a search looks at
 _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
+_ENDS = 0.995  # the same of the way: one reading that strays is no end of it
 _SMOOTHED = 11  # samples, for a first guess of speeds
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _LN_SD = 2.0
@@ -164,14 +165,14 @@ class LogModel:
         groups = [simple[i : i + size] for i in range(0, len(simple), size)]
         return groups + [[n] for n in names if self.library[n].own_states]
 
-    def leftovers(self, fitted: Fit, chance_nats: float) -> tuple[dict[str, Any], ...]:
+    def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
         """What still acts and is explained by nothing, as JSON has it."""
-        return tuple(asdict(push) for push in leftovers(self, fitted, chance_nats))
+        return tuple(asdict(push) for push in leftovers(self, fitted))
 
-    def with_effect(self, effect: Effect) -> "LogModel":
-        """The same system that may lack one effect more."""
+    def with_effects(self, effects: Mapping[str, Effect]) -> "LogModel":
+        """The same system that may lack these as well."""
         wider = copy.copy(self)
-        wider.library = {**self.library, effect.name: effect}
+        wider.library = {**self.library, **effects}
         wider.effects = {name: each.free for name, each in wider.library.items()}
         return wider
 
@@ -353,7 +354,8 @@ class LogModel:
             if np.ptp(row) > 0.0:
                 sizes[name] = _usual(row)
                 sizes |= _signs(name, row, sizes[name])
-                sizes |= {f"lowest {name}": float(row.min()), f"highest {name}": float(row.max())}
+                low, high = np.quantile(row, [1.0 - _ENDS, _ENDS])
+                sizes |= {f"lowest {name}": float(low), f"highest {name}": float(high)}
         rates = self._rates(states, inputs)
         for i, name in enumerate(self.system.states):
             moved = np.concatenate([np.gradient(g[i], self.dt_s) for g in guessed])

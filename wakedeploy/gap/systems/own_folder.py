@@ -6,6 +6,7 @@ repeated.
 """
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,12 +43,16 @@ def _key(model: LogModel) -> str:
     system = model.system
     stated = (
         system.rate_hz, system.steps, system.inputs, system.states, system.outputs,
-        system.constants, [(p.role, p.name, p.inertia, p.friction) for p in system.ports],
+        system.constants, [replace(port, function=None) for port in system.ports],
+        system.process_noise, system.start_spread, system.outlier_share, system.forecast_s,
     )  # fmt: skip
     digest.update(repr((RULES, system.name, stated, sorted(model.library))).encode())
     for log in model.logs:
         digest.update(log.name.encode())
         digest.update(log.driving.tobytes() + log.outputs.tobytes())
+    for episode in range(model.episodes):
+        for _, values in model.coordinates(episode).values():  # with what `start` tells
+            digest.update(np.ascontiguousarray(values).tobytes())
     for values in system.probed().values():
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()

@@ -101,7 +101,9 @@ class Constant:
 
 @dataclass(frozen=True)
 class Port:
-    """A place where an effect may act. Made by `Port.input`, `.force`, `.output`, `.constant`.
+    """A place where an effect may act.
+
+    Made by `Port.input`, `.force`, `.output`, `.constant` or `.custom`.
 
     `unit` is that of what the effect adds there; signals are (T,) along a log. A name that the
     system does not state raises UnusableInput when it is loaded.
@@ -176,6 +178,13 @@ class Port:
             parameters=dict(parameters),
             shapes=dict(shapes or {}),
         )
+
+    def increments(self, time_s: Any, state: Any, inputs: Any, size: float) -> Mapping[str, Any]:
+        """What an effect of the user's own adds at `size` times its parameters' usual sizes."""
+        assert self.function is not None
+        p = {name: size * usual for name, (_, usual) in self.parameters.items()}
+        p |= {name: usual for name, (_, usual) in self.shapes.items()}
+        return self.function(time_s, state, inputs, Point("parameter", p))
 
 
 class Point:
@@ -321,8 +330,17 @@ class System:
         }
 
     def probed(self) -> dict[str, FloatArray]:
-        """Derivatives at some points: a fingerprint of what the functions compute."""
-        return self._probed()[1]
+        """What the functions give at some points: a fingerprint of what they compute."""
+        tried, found = self._probed()
+        state = Point("state", {n: tried[n] for n in self.states})
+        inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
+        each: list[tuple[str, Mapping[str, Any]]]
+        each = [("measure", self.readings(state, inputs, self.values()))]
+        each += [(p.name, p.increments(0.0, state, inputs, 1.0)) for p in self.ports if p.function]
+        for what, values in each:
+            for name, value in values.items():
+                found[f"{what} {name}"] = np.broadcast_to(np.asarray(value, dtype=float), 20)
+        return found
 
     def _probed(self, moved: str = "") -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Random states and inputs, and the derivatives there; one of them moved away."""
@@ -484,11 +502,16 @@ def _check_sizes(system: System, port: Port) -> None:
             f"{system.name}: the effect {port.name!r} has {both[0]!r} as a parameter and as a "
             "shape; state it once: a shape if the effect does not vanish with it."
         )
+    if port.role == "custom" and not port.parameters:
+        raise UnusableInput(
+            f"{system.name}: the effect {port.name!r} has no parameter at which it vanishes; state "
+            "its size as one."
+        )
     for name, (_, size) in (*port.parameters.items(), *port.shapes.items()):
-        if not 0.0 < size < math.inf:
+        if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
             raise UnusableInput(
-                f"{system.name}: {name!r} of the effect {port.name!r} has the usual size {size}; "
-                "give a positive one."
+                f"{system.name}: {name!r} of the effect {port.name!r} has the usual size {size!r}; "
+                "give a positive number."
             )
 
 
@@ -510,6 +533,35 @@ def _check_functions(system: System) -> None:
                         f"{_method(system, method)} gives another {name!r} for one point than for "
                         "the same point in an array; use numpy (np.where, not if) throughout."
                     )
+    state = Point("state", {n: tried[n] for n in system.states})
+    inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
+    for port in system.ports:
+        if port.function is not None:
+            _check_custom(system, port, state, inputs, shape)
+
+
+def _check_custom(
+    system: System, port: Port, state: Point, inputs: Point, shape: tuple[int, ...]
+) -> None:
+    """An effect of the user's own acts on states, and at 0 on none."""
+    what = f"{system.name}: the effect {port.name!r}"
+    for size in (0.0, 1.0):
+        with np.errstate(all="ignore"):
+            added = _called(what, port.increments, 0.0, state, inputs, size)
+        for name, value in added.items():
+            if name not in system.states:
+                known = ", ".join(system.states)
+                raise UnusableInput(f"{what} adds to {name!r}, no state; there are: {known}.")
+            if _shape(value) not in ((), shape):
+                given = _shape_in_words(_shape(value))
+                raise UnusableInput(f"{what} adds {given} for states of shape {shape}.")
+            if not np.all(np.isfinite(value)):
+                raise UnusableInput(f"{what} adds something that is no number; bound what goes in.")
+            if size == 0.0 and np.any(value):
+                raise UnusableInput(
+                    f"{what} adds to {name!r} where its parameters are 0; it has to vanish there. "
+                    "What it does not vanish with is a shape."
+                )
 
 
 def _evaluated(

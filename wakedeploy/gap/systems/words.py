@@ -5,7 +5,15 @@ sure is that, what next. The numbers stand below them. A page shows the same fir
 the place of the numbers, and the remarks.
 """
 
-from wakedeploy.gap.search.artefacts import Answer, Artefact, Disagreements, Forecast, Result, Size
+from wakedeploy.gap.search.artefacts import (
+    Answer,
+    Artefact,
+    Disagreements,
+    Forecast,
+    Leftover,
+    Result,
+    Size,
+)
 from wakedeploy.gap.search.judging import ACCEPTED, CHANCE, UNSEEN_WORSE
 from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.wording import (
@@ -204,22 +212,29 @@ def _unexplained(answer: Answer) -> list[str]:
             f"{push.lasts_s:.2g} s, {_percent(push.share)} of the usual rate."
         )
         at = push.against
-        if at is None:
-            lines.append("  It follows nothing that the logs have, as a disturbance does.")
-            continue
-        lines.append(
-            f"  It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
-            f"from {_signed(at.means[0])} {push.unit} at {minus(f'{at.edges[0]:.3g}')} "
-            f"{at.unit} to {_signed(at.means[-1])} {push.unit} at "
-            f"{minus(f'{at.edges[-1]:.3g}')} {at.unit}."
-        )
-        lines.append(
-            f"  A law over {at.coordinate} would remove {_percent(push.removes)} of the squared "
-            "forecast error."
-            if push.removes > 0.0
-            else f"  Yet forecasts gain nothing by any law over {at.coordinate}."
-        )
+        if at is not None:
+            lines.append(
+                f"  It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
+                f"from {_signed(at.means[0])} {push.unit} at {minus(f'{at.edges[0]:.3g}')} "
+                f"{at.unit} to {_signed(at.means[-1])} {push.unit} at "
+                f"{minus(f'{at.edges[-1]:.3g}')} {at.unit}."
+            )
+        lines.append(f"  {_lawful(push)}")
     return lines
+
+
+def _lawful(push: Leftover) -> str:
+    """Whether a push follows a law, and what forecasts would gain by it."""
+    law = push.law
+    if law is None:
+        return (
+            "No law over one coordinate is evident in it, nor over one and the direction; "
+            "a disturbance acts so."
+        )
+    over = f"{law.coordinate} and the direction of motion" if law.by_direction else law.coordinate
+    removed = Forecast(share=law.removes, low=law.low, high=law.high)
+    what = f"A law over {over} is evident, and removes {removed_words(removed)}"
+    return f"{what} of the squared forecast error where it was not fitted."
 
 
 def _size(name: str, size: Size) -> str:

@@ -176,7 +176,11 @@ def name(case: Case, out: Path, progress: Progress = quiet) -> Name:
     if named.verdict == "none" and answer.instead is not None:
         # What the sealed flights do not bear out took the place of effects that they may.
         effects = answer.instead
-        named = _judged(case, out, effects, write_answer(effects, out, started), progress)
+        again = _judged(case, out, effects, write_answer(effects, out, started), progress)
+        if again.verdict == "none":  # nor do they: what is told is the formula
+            Found.of(answer).write(out)
+            return write(out, named)
+        return again
     return named
 
 
