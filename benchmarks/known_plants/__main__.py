@@ -59,6 +59,8 @@ def judged(case: Case, answer: Mapping[str, Any]) -> str:
     A class of more than three is an answer of "unknown".
     """
     names = {*answer["named"], *answer["class"]}
+    if case.hidden and not case.expected and answer["verdict"] == "unknown":
+        return "right"
     if not names or answer["verdict"] == "unknown":
         return str(answer["verdict"])
     if not names & set(case.expected):

@@ -11,7 +11,10 @@ from benchmarks.known_plants.plants import Hidden
 
 @dataclass(frozen=True)
 class Case:
-    """`expected` are right names, of which one has to be said; `further` may be said beside."""
+    """`expected` are right names, of which one has to be said; `further` may be said beside.
+
+    Where something is hidden and nothing expected, no effect has it: unknown is right.
+    """
 
     plant: str
     drive: str
@@ -59,6 +62,7 @@ _HIDDEN = (
     ("servo", {"coulomb": 8.0, "still": 0.02}, _dry(_SWING), ()),
     ("servo", {"sensor lag": 0.06}, ("sensor-lag@angle_rad", "sensor-dead-time@angle_rad"), ()),
 )
+_OUTSIDE = (("cart", {"magnet": 4.0}), ("motor", {"shaking": 0.1}))
 _OPEN = ("steps", "waves", "sweep")
 _CONTROLLED = ("cart", "swing", "motor")
 
@@ -80,6 +84,15 @@ def _with_hidden() -> list[Case]:
     return found
 
 
+def _outside() -> list[Case]:
+    """Laws that no effect of the library has, under two drives."""
+    return [
+        Case(plant, drive, hidden, coloured=bool(again), seed=5000 + 100 * k + again)
+        for k, (plant, hidden) in enumerate(_OUTSIDE)
+        for again, drive in enumerate(("steps", "closed"))
+    ]
+
+
 def _without() -> list[Case]:
     """Every plant under every drive, with nothing hidden."""
     plants = tuple(dict.fromkeys(hidden_case[0] for hidden_case in _HIDDEN))
@@ -90,4 +103,4 @@ def _without() -> list[Case]:
     ]
 
 
-CASES = (*_with_hidden(), *_without())
+CASES = (*_with_hidden(), *_outside(), *_without())

@@ -39,8 +39,9 @@ class Cart(System):
 
 
 def cart(x: list[float], u: float, hidden: Hidden) -> list[float]:
-    """The same of 2.06 kg, with what rubs."""
+    """The same of 2.06 kg, with what rubs, and a magnet beside the rail that holds it back."""
     force = u - 0.97 * x[1] - _rubbing(x[1], hidden) - hidden.get("cubic", 0.0) * x[0] ** 3
+    force -= hidden.get("magnet", 0.0) * math.exp(-(((x[0] - 0.1) / 0.2) ** 2))
     return [x[1], force / 2.06]
 
 
@@ -171,8 +172,9 @@ class Motor(System):
 
 
 def motor(x: list[float], u: float, hidden: Hidden) -> list[float]:
-    """The same with constants of its own, and a propeller's drag."""
+    """The same with constants of its own, a propeller's drag, a shaft that shakes at a speed."""
     drag = hidden.get("drag", 0.0) * x[0] * abs(x[0])
+    drag += hidden.get("shaking", 0.0) * math.exp(-(((abs(x[0]) - 35.0) / 10.0) ** 2))
     torque = 0.0515 * u - 0.0037 * x[0] - drag - _rubbing(x[0], hidden)
     return [torque / 0.00196]
 

@@ -14,7 +14,9 @@ def counted(records: Records) -> Section:
     """How often the answer is right, and every one that is not."""
     rows: Sequence[Row] = records.json(RECORD)["rows"]
     head = ["", *_JUDGED]
-    lines = [_counts("an effect hidden", [r for r in rows if not _is_empty(r)])]
+    hidden = [row for row in rows if not _is_empty(row)]
+    lines = [_counts("an effect hidden", [r for r in hidden if not _is_outside(r)])]
+    lines.append(_counts("a law hidden that no effect has", [r for r in hidden if _is_outside(r)]))
     lines.append(_counts("nothing hidden", [r for r in rows if _is_empty(r)]))
     return Section(
         "Plants whose missing effect is known",
@@ -35,7 +37,8 @@ def counted(records: Records) -> Section:
 
 _JUDGEMENTS = (
     "*Right* names what is hidden and nothing else, *class* leaves it among at most three rivals, "
-    "*partly* names something else beside it. Where nothing is hidden, *none* is right. A servo "
+    "*partly* names something else beside it. Where nothing is hidden, *none* is right; where a law "
+    "is that no effect has (a magnet beside the rail, a shaft that shakes), *unknown*. A servo "
     "that is linear does not tell a lag of its sensor from one of its command: the first counts "
     "as wrong here where the second is named. All answers with an effect hidden that are not right:"
 )
@@ -46,9 +49,15 @@ def _is_empty(row: Row) -> bool:
     return ", nothing, " in row["case"]
 
 
+def _is_outside(row: Row) -> bool:
+    """Whether no effect of the library is what was hidden."""
+    return any(f", {law}, " in row["case"] for law in ("magnet", "shaking"))
+
+
 def _judged(row: Row) -> str:
     """A class of more than three is an answer of "unknown"."""
-    return "unknown" if row["verdict"] == "unknown" else str(row["judged"])
+    is_right = row["judged"] == "right"
+    return "unknown" if row["verdict"] == "unknown" and not is_right else str(row["judged"])
 
 
 def _counts(what: str, rows: Sequence[Row]) -> list[str]:

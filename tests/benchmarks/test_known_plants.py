@@ -27,6 +27,16 @@ def test_the_judge(named, rivals, verdict, said):
     assert judged(case, {"named": named, "class": rivals, "verdict": verdict}) == said
 
 
+def test_unknown_is_right_where_no_effect_is_what_was_hidden():
+    case = Case("cart", "waves", {"magnet": 2.0})
+    said = {"named": [], "class": []}
+    assert judged(case, {**said, "verdict": "unknown"}) == "right"
+    assert judged(case, {**said, "verdict": "none"}) == "none"
+    assert judged(case, {**said, "named": ["offset@speed_mps"], "verdict": "named"}) == "wrong"
+    nothing = Case("cart", "waves")
+    assert judged(nothing, {**said, "verdict": "unknown"}) == "unknown"
+
+
 def test_a_hidden_delay_moves_a_motor_later():
     plant = PLANTS["motor"]
     early, late = (recorded(plant, hidden, "steps", 3, False) for hidden in ({}, {"delay": 0.05}))
