@@ -32,8 +32,8 @@ from wakedeploy.physics.kalman import bumped
 RATE = 50.0
 
 
-class Slider(System):
-    """A mass on a rail, offered only effects that do not explain what rubs."""
+class Rail(System):
+    """What all masses on a rail here have: only effects that do not explain what rubs."""
 
     rate_hz = RATE
     inputs: ClassVar = [Input("force_n", "N")]
@@ -41,6 +41,10 @@ class Slider(System):
     outputs: ClassVar = [Output("speed_mps", "m/s", noise=2e-3)]
     constants: ClassVar = [Constant("mass_kg", 2.0, spread=0.05)]
     ports: ClassVar = [Port.input("force_n", kinds=["dead-time"])]
+
+
+class Slider(Rail):
+    """A mass on a rail."""
 
     def derivative(self, state, inputs, c):
         return {"speed_mps": inputs.force_n / c.mass_kg}
@@ -77,6 +81,37 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     lines = sentences(answer_of(rubbing, told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]
+
+
+class Stepped(Rail):
+    """The same as what comes a sample later."""
+
+    def step(self, state, inputs, c):
+        return {"speed_mps": state.speed_mps + inputs.force_n / c.mass_kg / RATE}
+
+
+class Loaded(Slider):
+    """The same, with forces that it distributes itself."""
+
+    def derivative(self, state, inputs, c):
+        return self.derivative_under(state, inputs, c, {})
+
+    def derivative_under(self, state, inputs, c, forces):
+        return {"speed_mps": (inputs.force_n + forces.get("speed_mps", 0.0)) / c.mass_kg}
+
+
+@pytest.mark.parametrize("kind", [Stepped, Loaded])
+def test_a_law_shows_in_any_form_of_a_system(rubbing, kind):
+    log = rubbing.logs[0]
+    columns = {"force_n": log.inputs[0], "speed_mps": log.outputs[0]}
+    model = LogModel(
+        kind(), [Recording("made", np.arange(len(columns["force_n"])) / RATE, columns)]
+    )
+    told = named(model, fitted_base(model))
+    assert verdict_of(told) == "unknown"
+    (left,) = told.leftover
+    assert left["matters"]
+    assert left["law"]["low"] > 0.5
 
 
 @pytest.mark.parametrize(("gusts_mps2", "verdict"), [(0.4, "none"), (4.0, "unknown")])
