@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.systems.gantry.find_name_add_show import open_case
 from wakedeploy.gap.systems.gantry.search.importance import Removed, mattering
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found
-from wakedeploy.gap.systems.gantry.steps import open_case
 
 
 def worth_of(

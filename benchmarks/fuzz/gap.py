@@ -21,7 +21,7 @@ from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.shrinkage import channel_lines
 from wakedeploy.gap.report.summary import account
-from wakedeploy.gap.systems.gantry import steps as close
+from wakedeploy.gap.systems.gantry import find_name_add_show as close
 from wakedeploy.gap.systems.gantry import workflow
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
 from wakedeploy.gap.systems.gantry.folder import (

@@ -192,7 +192,7 @@ def test_ctrl_c_before_a_step_is_finished_gives_the_command_back(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    module = "workflow" if step == "close" else "steps"
+    module = "workflow" if step == "close" else "find_name_add_show"
     monkeypatch.setattr(f"wakedeploy.gap.systems.gantry.{module}.open_case", interrupted)
     monkeypatch.setattr("sys.argv", ["/x/wakedeploy", "gap", step, "--rig", "my rig.toml"])
     told = gap(folder, step, "flight.csv")

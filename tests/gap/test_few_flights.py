@@ -31,12 +31,12 @@ from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES, sealed_count
 from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.systems.gantry.artefacts import Result
+from wakedeploy.gap.systems.gantry.find_name_add_show import add, open_case
 from wakedeploy.gap.systems.gantry.findings import Leading, Ranked
 from wakedeploy.gap.systems.gantry.folder import read_steps, write
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.places import places_sentence
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
-from wakedeploy.gap.systems.gantry.steps import add, open_case
 from wakedeploy.gap.systems.gantry.workflow import close, write_result
 from wakedeploy.gap.wording import DETAILS
 from wakedeploy.physics.effects import LIBRARY
@@ -286,7 +286,9 @@ def test_too_few_flights_do_not_wait_for_thresholds(flights, monkeypatch, tmp_pa
     def simulated(*_: object, **__: object) -> Thresholds:
         raise AssertionError("simulates")
 
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.thresholds_for", simulated)
+    monkeypatch.setattr(
+        "wakedeploy.gap.systems.gantry.find_name_add_show.thresholds_for", simulated
+    )
     case = open_case(tmp_path / "rig.toml", flights[HIDDEN][:2])
     assert case.thresholds is UNSIMULATED
     assert not case.is_simulated

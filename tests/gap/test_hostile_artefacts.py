@@ -16,7 +16,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.search.places import forbids_none
-from wakedeploy.gap.systems.gantry import steps as close
+from wakedeploy.gap.systems.gantry import find_name_add_show as close
 from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.folder import read_steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel

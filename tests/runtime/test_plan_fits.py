@@ -6,7 +6,7 @@ from simulated_site import SimulatedSite
 
 from runtime.calibration import noise, spool, thrust
 from runtime.calibration.session import resting
-from runtime.calibration.steps import driving
+from runtime.calibration.steps_per_metre import driving
 from runtime.reference import ceiling_m, hold_plan, random_plan, require_plan_fits
 from runtime.request import RunRequest
 from runtime.run import fly

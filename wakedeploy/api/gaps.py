@@ -20,7 +20,7 @@ from wakedeploy.rig.file import read_rig
 if TYPE_CHECKING:
     import pandas
 
-    from wakedeploy.gap.systems.gantry.steps import Retrain
+    from wakedeploy.gap.systems.gantry.find_name_add_show import Retrain
 
 
 @dataclass(frozen=True, eq=False, repr=False)

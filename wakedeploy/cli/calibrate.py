@@ -153,7 +153,7 @@ def steps(
     Example:
         wakedeploy calibrate steps --distance-m 0.5 --rig rig.toml --port /dev/ttyACM0
     """
-    from runtime.calibration import steps as procedure
+    from runtime.calibration import steps_per_metre as procedure
     from wakedeploy.core.errors import UnusableInput
 
     rig = request.rig("stepper.steps_per_m")

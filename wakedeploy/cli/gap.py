@@ -21,8 +21,8 @@ from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.gantry.artefacts import Name
+    from wakedeploy.gap.systems.gantry.find_name_add_show import Case
     from wakedeploy.gap.systems.gantry.findings import Round
-    from wakedeploy.gap.systems.gantry.steps import Case
 
 _OTHERS = {
     "follow": "gap_follow",
@@ -200,7 +200,7 @@ def find_gap(
     Example:
         wakedeploy gap find --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.systems.gantry.steps import find
+    from wakedeploy.gap.systems.gantry.find_name_add_show import find
 
     case = _case(rig_path, measured, out, workers)
     found = find(case, out, _progress)
@@ -224,8 +224,8 @@ def name_gap(
     """
     from wakedeploy.gap.report.evidence import leading_sentences
     from wakedeploy.gap.report.summary import verdict_sentence
+    from wakedeploy.gap.systems.gantry.find_name_add_show import name
     from wakedeploy.gap.systems.gantry.folder import read_steps
-    from wakedeploy.gap.systems.gantry.steps import name
 
     case = _case(rig_path, measured, out, workers)
     named = name(case, out, _progress)
@@ -277,8 +277,8 @@ def add_effect(
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
     """
     from wakedeploy.gap.few_flights import caution
+    from wakedeploy.gap.systems.gantry.find_name_add_show import add
     from wakedeploy.gap.systems.gantry.folder import read_steps
-    from wakedeploy.gap.systems.gantry.steps import add
 
     if from_symbolic and only is not None:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
@@ -311,8 +311,8 @@ def show_gap(
     """
     from wakedeploy.api.gaps import trainer
     from wakedeploy.gap.report.shrinkage import channel_lines
+    from wakedeploy.gap.systems.gantry.find_name_add_show import show_gap as show
     from wakedeploy.gap.systems.gantry.folder import read_steps
-    from wakedeploy.gap.systems.gantry.steps import show_gap as show
 
     case = _case(rig_path, measured, out, workers)
     train = trainer(minutes if retrain else None, workers, _progress)
@@ -334,7 +334,7 @@ def _enter(out: Path, rig_path: Path, measured: tuple[Path, ...]) -> None:
 
 
 def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
-    from wakedeploy.gap.systems.gantry.steps import open_case
+    from wakedeploy.gap.systems.gantry.find_name_add_show import open_case
 
     _enter(out, rig_path, measured)
     _progress("reading the flights")

@@ -49,7 +49,7 @@ def reference(
     from wakedeploy.gap.systems.gantry.flight import read_flights
     from wakedeploy.gap.systems.gantry.reference.corrected import corrected
     from wakedeploy.gap.systems.gantry.reference.learning import learn
-    from wakedeploy.gap.systems.gantry.reference.telling import as_json
+    from wakedeploy.gap.systems.gantry.reference.summary import as_json
     from wakedeploy.rig.file import read_rig
 
     rig = read_rig(rig_path)

@@ -48,22 +48,22 @@ def rubbed(
 @compiled
 def _slid(speed: float, pull: float, most: float, turning: float) -> float:
     """The speed after a sample in which a pull changes it by `pull`, friction by `most` at most."""
-    left = 1.0
+    remaining = 1.0
     held = min(max(pull / most, -1.0), 1.0)
     low, high = -turning * (1.0 + held), turning * (1.0 - held)
     if speed > high or speed < low:
         bound, rate = (high, pull - most) if speed > high else (low, pull + most)
         lasts = (bound - speed) / rate if rate * (bound - speed) > 0.0 else math.inf
-        if lasts >= left:
-            return speed + rate * left
-        speed, left = bound, left - lasts
+        if lasts >= remaining:
+            return speed + rate * remaining
+        speed, remaining = bound, remaining - lasts
     stiffness = most / turning
     if abs(pull) <= most:
-        return speed * math.exp(-stiffness * left)
+        return speed * math.exp(-stiffness * remaining)
     beyond = pull - held * most
     goal = beyond / stiffness
     bound = high if beyond > 0.0 else low  # more than it can hold: it is let go there
     lasts = math.log1p((speed - bound) / (bound - goal)) / stiffness
-    if lasts >= left:
-        return speed + (speed - goal) * math.expm1(-stiffness * left)
-    return bound + beyond * (left - lasts)
+    if lasts >= remaining:
+        return speed + (speed - goal) * math.expm1(-stiffness * remaining)
+    return bound + beyond * (remaining - lasts)

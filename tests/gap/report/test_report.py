@@ -424,7 +424,9 @@ def test_each_step_is_a_command_that_leaves_result_and_report(tmp_path, monkeypa
     monkeypatch.setattr("wakedeploy.cli.gap._case", lambda *_: case)
     function = "show_gap" if step == "show" else step
     told = getattr(read_steps(tmp_path), step)
-    monkeypatch.setattr(f"wakedeploy.gap.systems.gantry.steps.{function}", lambda *_, **__: told)
+    monkeypatch.setattr(
+        f"wakedeploy.gap.systems.gantry.find_name_add_show.{function}", lambda *_, **__: told
+    )
     (tmp_path / "result.json").unlink()
     given = ["--rig", "rig.toml", "--measured", "a.mcap", "--out", str(tmp_path)]
     run = CliRunner().invoke(main, ["gap", step, *given, "--json", str(tmp_path / "told.json")])

@@ -11,7 +11,7 @@ import pytest
 from simulated_bench import ended_by
 
 from runtime.calibration.session import resting
-from runtime.calibration.steps import driving
+from runtime.calibration.steps_per_metre import driving
 from runtime.loop import safety
 from runtime.loop.arming import arm_limits
 from runtime.loop.safety import Mode

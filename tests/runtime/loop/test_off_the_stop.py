@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from runtime.calibration.session import Site, resting
-from runtime.calibration.steps import driving
+from runtime.calibration.steps_per_metre import driving
 from runtime.io.range_source import STATUS_NO_TARGET, RangeReading, resting_range_m
 from runtime.request import RunRequest
 from runtime.run import fly

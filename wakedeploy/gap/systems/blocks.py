@@ -111,11 +111,11 @@ def _log(system: System, recording: Recording) -> Log:
 
 def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:
     """An input in each of the model's steps, of `every` rows in a sample."""
-    finer, left = divmod(system.steps, every)
-    if finer and not left:
+    finer, remainder = divmod(system.steps, every)
+    if finer and not remainder:
         return between(rows, stated.hold, finer)
-    coarser, left = divmod(every, system.steps)
-    if left:
+    coarser, remainder = divmod(every, system.steps)
+    if remainder:
         raise UnusableInput(
             f"{system.name}.steps = {system.steps}, and a sample has {every} rows; give a divisor "
             "or a multiple of that."

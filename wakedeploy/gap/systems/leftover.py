@@ -91,9 +91,10 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
     if part is not model:
         again = fit(part, fitted.hypothesis, fitted.episodes, fitted.theta)
         fitted = settled(part, again)[0]
-    told = [_asked(part, fitted, push) for push in large]
-    told += [push for push in (_asked(part, fitted, push) for push in small) if _is_gained_by(push)]
-    return tuple(sorted(told, key=lambda push: -push.share))
+    pushes = [_asked(part, fitted, push) for push in large]
+    lawful = (_asked(part, fitted, push) for push in small)
+    pushes += [push for push in lawful if _is_gained_by(push)]
+    return tuple(sorted(pushes, key=lambda push: -push.share))
 
 
 def _is_gained_by(push: Leftover) -> bool:
@@ -172,8 +173,8 @@ def _law(
     kind = _BY_DIRECTION if by_direction else "law"
     name = f"{kind}-over-{coordinate}@{push.state}"
     port = Port.custom(kind, acting, dict.fromkeys(names, (push.unit, size)))
-    own = {f"own {name}": size for name in names}
-    scales = Scales(own, dict.fromkeys(own, push.unit))
+    sizes = {f"own {name}": size for name in names}
+    scales = Scales(sizes, dict.fromkeys(sizes, push.unit))
     return Effect(name, custom_kind(port), port, scales, coordinate)
 
 

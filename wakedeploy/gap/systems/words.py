@@ -142,13 +142,13 @@ def _certainty(result: Result) -> str:
         evident = any(c.gain_nats > r.threshold_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
-    left = "" if result.white.after.passes else f" {_MORE_IS_LEFT}"
+    rest = "" if result.white.after.passes else f" {_MORE_IS_LEFT}"
     if result.verdict == "class":
-        return f"{beyond} Which of them it is, is open.{left}"
+        return f"{beyond} Which of them it is, is open.{rest}"
     found = f"Found on {counted(fitted, 'block')} of the logs"
     apart = f"readings of {counted(sealed, 'block')} kept apart"
     if result.sealed_gain_nats > 0.0:
-        return f"{beyond} {found}; the {apart} bear it out.{left}"
+        return f"{beyond} {found}; the {apart} bear it out.{rest}"
     return f"{beyond} {found}; the {apart} do not confirm it: record more."
 
 

@@ -14,6 +14,16 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.summary import verdict_sentence
 from wakedeploy.gap.systems.gantry.artefacts import Add, Artefact, Find, Name, Plan, Result, Show
+from wakedeploy.gap.systems.gantry.find_name_add_show import (
+    Case,
+    Retrain,
+    add,
+    find,
+    name,
+    open_case,
+    retrain_shown,
+    show_gap,
+)
 from wakedeploy.gap.systems.gantry.findings import Answer, Effect, Judged, Splitting
 from wakedeploy.gap.systems.gantry.folder import (
     Steps,
@@ -26,16 +36,6 @@ from wakedeploy.gap.systems.gantry.folder import (
 )
 from wakedeploy.gap.systems.gantry.planning.plan import make_plan, stated_sizes
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
-from wakedeploy.gap.systems.gantry.steps import (
-    Case,
-    Retrain,
-    add,
-    find,
-    name,
-    open_case,
-    retrain_shown,
-    show_gap,
-)
 
 
 @dataclass(frozen=True, eq=False)

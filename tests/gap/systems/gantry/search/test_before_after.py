@@ -15,13 +15,13 @@ from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.report.shrinkage import channel_lines
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.systems.gantry.artefacts import Name, Show, Summary
+from wakedeploy.gap.systems.gantry.find_name_add_show import Case, show_gap
 from wakedeploy.gap.systems.gantry.findings import Effect, Retraining
 from wakedeploy.gap.systems.gantry.folder import Steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.before_after import show, wrong_effects
 from wakedeploy.gap.systems.gantry.search.naming import Answer, Round, Thresholds, fitted_base
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found, Tried
-from wakedeploy.gap.systems.gantry.steps import Case, show_gap
 from wakedeploy.physics.constants import with_constants
 from wakedeploy.physics.effects import LIBRARY
 

@@ -13,10 +13,10 @@ from recorded import RIG, as_it_stands, flown, judged, with_effects
 
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.report.summary import account
+from wakedeploy.gap.systems.gantry.find_name_add_show import Case, add, show_gap, write_answer
 from wakedeploy.gap.systems.gantry.folder import read_steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.naming import Answer, Thresholds, name_effects
-from wakedeploy.gap.systems.gantry.steps import Case, add, show_gap, write_answer
 from wakedeploy.gap.systems.gantry.workflow import result
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig.file import read_rig

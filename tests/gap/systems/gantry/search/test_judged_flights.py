@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from recorded import RIG, flown, with_effects
 
-from wakedeploy.gap.systems.gantry import steps
+from wakedeploy.gap.systems.gantry import find_name_add_show
 from wakedeploy.gap.systems.gantry.artefacts import Name
+from wakedeploy.gap.systems.gantry.find_name_add_show import Case, _judged, find, name, write_answer
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.explainable_error import explainable
 from wakedeploy.gap.systems.gantry.search.naming import (
@@ -17,7 +18,6 @@ from wakedeploy.gap.systems.gantry.search.naming import (
     with_terms,
 )
 from wakedeploy.gap.systems.gantry.search.repeatability import FEWEST, repeated
-from wakedeploy.gap.systems.gantry.steps import Case, _judged, find, name, write_answer
 
 LIMITS = Thresholds(6.0, 8.0, 8.0, 36.0, 0.02, 0.02, 0.003)
 TRIED = ("crosswind-offset", "added-mass", "range-drift")
@@ -62,8 +62,8 @@ def test_effects_come_back_where_the_expression_in_their_place_is_not_borne_out(
             return named.model_copy(update={"verdict": "none"})
         return _judged(case, out, answer, named, progress)
 
-    monkeypatch.setattr(steps, "name_effects", lambda *_, **__: expressed)
-    monkeypatch.setattr(steps, "_judged", of_little_use)
+    monkeypatch.setattr(find_name_add_show, "name_effects", lambda *_, **__: expressed)
+    monkeypatch.setattr(find_name_add_show, "_judged", of_little_use)
     find(case, tmp_path)
     told = name(case, tmp_path)
     assert [e.name for e in told.effects] == ["crosswind-offset"]

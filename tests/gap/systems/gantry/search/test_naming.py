@@ -13,6 +13,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.progress import quiet
+from wakedeploy.gap.systems.gantry.find_name_add_show import Case, _judged, find, name, write_answer
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
@@ -34,7 +35,6 @@ from wakedeploy.gap.systems.gantry.search.naming import (
 )
 from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.refitting import expressed_by_own_motion, without_idle
-from wakedeploy.gap.systems.gantry.steps import Case, _judged, find, name, write_answer
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of

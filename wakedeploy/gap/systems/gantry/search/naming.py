@@ -220,8 +220,8 @@ def name_effects(
     bare, least = (searched.base_model, base), thresholds.expression_nats
     model, unknown = joined(model, current, unknown, bare, searched.expression, least)
     rounds = _still_needed(searched.rounds, unknown.fit)
-    told = conclude(model, unknown.fit, rounds, unknown, None)
-    return replace(told, instead=instead)
+    formula = conclude(model, unknown.fit, rounds, unknown, None)
+    return replace(formula, instead=instead)
 
 
 def _concluded(

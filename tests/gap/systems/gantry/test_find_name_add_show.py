@@ -14,6 +14,7 @@ from wakedeploy.core.rig import Effect as RigEffect
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.report import page
 from wakedeploy.gap.systems.gantry.artefacts import Add, Find, Name, Show
+from wakedeploy.gap.systems.gantry.find_name_add_show import Case, add, name, open_case, show_gap
 from wakedeploy.gap.systems.gantry.findings import Effect
 from wakedeploy.gap.systems.gantry.folder import (
     PICTURES,
@@ -26,7 +27,6 @@ from wakedeploy.gap.systems.gantry.folder import (
     write,
 )
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
-from wakedeploy.gap.systems.gantry.steps import Case, add, name, open_case, show_gap
 from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import default_rig, read_rig
