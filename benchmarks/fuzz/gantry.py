@@ -13,7 +13,7 @@ from benchmarks.fuzz.binary import mcap_file
 from benchmarks.fuzz.documents import json_file, toml_file
 from benchmarks.fuzz.kind import Files, Kind, spoken, taken
 from benchmarks.fuzz.tables import csv_file
-from runtime.calibration import Outcome, latency, noise, spool, steps, thrust, zero
+from runtime.calibration import Outcome, latency, noise, spool, steps_per_metre, thrust, zero
 from runtime.calibration.session import with_clip
 from runtime.reference import require_plan_fits
 from runtime.reference_file import read_reference, write_reference
@@ -263,9 +263,9 @@ def _calibrations() -> dict[str, tuple[RunLog, Callable[[RunLog], Outcome]]]:
     rig = flown_rig()
     rest = record(rig.changed(disturbance={"rest_s": 8.0}), seconds=4.0, seed=1)
     fly = functools.partial(record, seconds=0.0, seed=1)
-    drive_rig, drive_plan = steps.driving(rig, 0.4, 5.0)
+    drive_rig, drive_plan = steps_per_metre.driving(rig, 0.4, 5.0)
     drive = fly(drive_rig, plan=drive_plan)
-    moved_m = abs(steps.steps_out(drive)) / rig.stepper.steps_per_m
+    moved_m = abs(steps_per_metre.steps_out(drive)) / rig.stepper.steps_per_m
     clips_kg = (0.0, 0.1, 0.2)
     swings = [fly(with_clip(rig, clip), plan=thrust.swinging(rig)) for clip in clips_kg]
     return {
@@ -274,7 +274,7 @@ def _calibrations() -> dict[str, tuple[RunLog, Callable[[RunLog], Outcome]]]:
         "noise": (fly(rig, plan=noise.hovering(rig)), lambda log: noise.estimate(log, rig)),
         "thrust": (swings[0], lambda log: thrust.estimate([log, *swings[1:]], clips_kg, rig)),
         "spool": (fly(rig, plan=spool.stepping(rig)), lambda log: spool.estimate(log, rig)),
-        "steps": (drive, lambda log: steps.estimate(log, moved_m, rig)),
+        "steps": (drive, lambda log: steps_per_metre.estimate(log, moved_m, rig)),
     }
 
 

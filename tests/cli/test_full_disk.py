@@ -23,13 +23,18 @@ BYTES = 3_000
 
 @contextlib.contextmanager
 def small_disk() -> Iterator[None]:
-    """No file of this process grows beyond BYTES in the block."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    """No file of this process grows beyond BYTES in the block.
+
+    Nor is bytecode written: the interpreter keeps what was cut short, and fails at the next import.
+    """
+    before, writes_none = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (BYTES, before[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.dont_write_bytecode = writes_none
 
 
 def run(*arguments: object) -> Result:

@@ -15,7 +15,13 @@ from wakedeploy.cli.gap_system import next_commands
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.gap.search.artefacts import Answer
-from wakedeploy.gap.systems.correction import Correction, Document, Named, write_correction
+from wakedeploy.gap.systems.correction import (
+    VERSION,
+    Correction,
+    Document,
+    Named,
+    write_correction,
+)
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
@@ -43,7 +49,7 @@ def _corrected(folder, coefficient):
     system = read_system(folder / "my_robot.py")
     model = LogModel(system, [read_plain(folder / "log.csv", system)])
     document = Document(
-        version=1,
+        version=VERSION,
         system="MyRobot",
         sample_s=model.dt_s,
         span_s=model.span_s,
@@ -82,7 +88,8 @@ def test_init_never_overwrites(folder):
     ("text", "says"),
     [
         ("version = 2\n", "system"),
-        ('version = 1\nsystem = "Other"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "not 'MyRobot'"),
+        ('version = 2\nsystem = "Other"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "not 'MyRobot'"),
+        ('version = 1\nsystem = "MyRobot"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "version 1; this"),
         ("version = = 1\n", "correction"),
     ],
 )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from simulated_site import SimulatedSite
 
-from runtime.calibration import heights, latency, noise, spool, steps, thrust, zero
+from runtime.calibration import heights, latency, noise, spool, steps_per_metre, thrust, zero
 from runtime.calibration.session import resting
 from runtime.reference import hold_plan
 from wakedeploy.core.errors import CheckFailed, UnusableInput
@@ -276,29 +276,29 @@ def test_without_a_divider_the_first_mass_has_to_come_again_before_anything_flie
 
 def test_steps_are_counted_over_the_measured_distance_with_motors_off():
     site = SimulatedSite(RIG.changed(stepper={"steps_per_m": 4000}), seed=3)
-    log = steps.record(site, RIG, -0.4, hold_s=4.0)
+    log = steps_per_metre.record(site, RIG, -0.4, hold_s=4.0)
     assert set(log["sufferer_cmd_us"]) == set(log["source_cmd_us"]) == {RIG.limits.pulse_us[0]}
     measured_m = round(0.4 * 4200 / 4000, 3)  # as a rule would show it
-    agrees(steps.estimate(log, measured_m, RIG), "stepper.steps_per_m", 4000.0, 20.0)
+    agrees(steps_per_metre.estimate(log, measured_m, RIG), "stepper.steps_per_m", 4000.0, 20.0)
     with pytest.raises(CheckFailed, match="in metres"):
-        steps.estimate(log, 42.0, RIG)
+        steps_per_metre.estimate(log, 42.0, RIG)
     lost = RunLog({**log.columns, "steps": log["steps"] + 100.0 * (log["t_s"] > 20.0)})
     lost["steps"][-1] = 100.0
     with pytest.raises(CheckFailed, match="lost steps"):
-        steps.estimate(lost, measured_m, RIG)
+        steps_per_metre.estimate(lost, measured_m, RIG)
     away = RunLog({**log.columns, "homed": np.zeros(len(log))})
     with pytest.raises(CheckFailed, match="away from its home"):
-        steps.estimate(away, measured_m, RIG)
+        steps_per_metre.estimate(away, measured_m, RIG)
     with pytest.raises(CheckFailed, match="never stood still"):
-        steps.estimate(zero.record(site, RIG), measured_m, RIG)
+        steps_per_metre.estimate(zero.record(site, RIG), measured_m, RIG)
     with pytest.raises(CheckFailed, match="too short"):
-        steps.estimate(log, 0.05, RIG)
+        steps_per_metre.estimate(log, 0.05, RIG)
 
 
 @pytest.mark.parametrize("distance_m", [0.05, 0.7, float("nan")])
 def test_a_drive_is_long_enough_and_within_the_limits(distance_m):
     with pytest.raises(UnusableInput, match="distance-m"):
-        steps.require_distance(distance_m, RIG)
+        steps_per_metre.require_distance(distance_m, RIG)
 
 
 def stepped(up_s, down_s):

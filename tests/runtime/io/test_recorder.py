@@ -98,6 +98,7 @@ def test_a_full_disk_stops_the_recording_and_keeps_what_is_there(tmp_path: Path)
     path = tmp_path / "full.mcap"
     script = f"""
         import resource, sys, time
+        sys.dont_write_bytecode = True  # the interpreter would keep what the limit cuts short
         from pathlib import Path
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         from runtime.io.recorder import Recorder
