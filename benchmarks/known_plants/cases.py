@@ -61,6 +61,8 @@ _HIDDEN = (
     ("servo", {"weight": 20.0}, ("gravity@speed_radps", "stiffness@speed_radps"), ()),
     ("servo", {"coulomb": 8.0, "still": 0.02}, _dry(_SWING), ()),
     ("servo", {"sensor lag": 0.06}, ("sensor-lag@angle_rad", "sensor-dead-time@angle_rad"), ()),
+    ("swing", {"wall": 0.5, "bounce": 0.2}, (f"upper-stop@{_SWING}",), ()),
+    ("servo", {"wall": 0.4, "bounce": 0.5}, (f"upper-stop@{_SWING}",), ()),
 )
 _OUTSIDE = (("cart", {"magnet": 4.0}), ("motor", {"shaking": 0.1}))
 _OPEN = ("steps", "waves", "sweep")

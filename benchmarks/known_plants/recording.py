@@ -98,7 +98,15 @@ def _stepped(
         for i, p in zip(plant.pushed_at, push, strict=True):
             rates[i] += float(p)
         at = [v + share * step_s * r for v, r in zip(x, rates, strict=True)]
-    return at
+    return _met(at, hidden)
+
+
+def _met(x: list[float], hidden: Hidden) -> list[float]:
+    """Thrown back by a rigid wall, with a share of the speed (Newton's law of impact)."""
+    wall = hidden.get("wall", math.inf)
+    if x[0] > wall and x[1] > 0.0:
+        return [wall, -hidden["bounce"] * x[1], *x[2:]]
+    return x
 
 
 def _wanted(plant: Plant, drive: str, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -10,6 +10,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
 from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search import judging, scan, weighing
 from wakedeploy.gap.search.extent import is_steady
 from wakedeploy.gap.search.judging import (
@@ -24,7 +25,8 @@ from wakedeploy.gap.search.judging import (
 )
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.rivalry import Verdict
-from wakedeploy.gap.search.weighing import Weight, is_outdone, weight_of, without
+from wakedeploy.gap.search.weighing import Weight, is_outdone, share_of_gap, weight_of, without
+from wakedeploy.gap.systems import leftover
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
 from wakedeploy.physics.kalman import bumped
@@ -50,20 +52,35 @@ class Slider(Rail):
         return {"speed_mps": inputs.force_n / c.mass_kg}
 
 
-@pytest.fixture(scope="module")
-def rubbing():
-    """The mass with 3 N of dry friction, which no port of it can have."""
+def slid(friction_n):
+    """The mass with dry friction, which no port of it can have."""
     rng = np.random.default_rng(4)
     force = np.repeat(rng.uniform(-12.0, 12.0, 50), 16)
     speed, shown = 0.0, np.empty(len(force))
     for k, push in enumerate(force):
         shown[k] = speed
         for _ in range(10):
-            rub = 3.0 * np.tanh(speed / 0.01)
+            rub = friction_n * np.tanh(speed / 0.01)
             speed += (push - rub + 0.1 * rng.standard_normal()) / 2.0 / RATE / 10
     shown += 2e-3 * rng.standard_normal(len(force))
     columns = {"force_n": force, "speed_mps": shown}
     return LogModel(Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    """With 3 N."""
+    return slid(3.0)
+
+
+def test_a_law_is_asked_for_where_hardly_a_push_is_left():
+    """Constants and noise have taken the friction in; its law still makes forecasts better."""
+    model = slid(1.0)
+    told = named(model, fitted_base(model))
+    assert verdict_of(told) == "unknown"
+    (left,) = told.leftover
+    assert left["share"] < leftover.LITTLE
+    assert left["law"]["removes"] > RULES.unexplained_share
 
 
 def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing):
@@ -274,6 +291,46 @@ def test_a_stretch_that_runs_away_does_not_decide():
     assert weight.share == pytest.approx(1.0 - (19 * 0.5 + 20.0) / 20.0)
     now[3] = 0.5
     assert weight_of(was, now).share == pytest.approx(0.5)
+
+
+def test_stretches_that_err_by_far_count_in_full_where_they_all_fall():
+    """A floor that is met now and then: elsewhere the effect does a little harm."""
+    was, now = np.full((24, 1), 1.0), np.full((24, 1), 1.5)
+    was[[5, 6, 17]], now[[5, 6, 17]] = 500.0, 30.0
+    fallen = weight_of(was, now)
+    assert fallen.share == pytest.approx(1.0 - (21 * 1.5 + 3 * 30.0) / (21 + 3 * 500.0))
+    assert fallen.low > 0.5
+    assert share_of_gap(was, was, now) == pytest.approx(fallen.share)
+    now[17] = 400.0  # one of them hardly does
+    assert weight_of(was, now).share < 0.0
+    was[17] = now[17] = 1.0  # two may be chance
+    assert weight_of(was, now).share < 0.0
+
+
+def _left(**changed):
+    return {"matters": False, "share": 0.2, "law": None, **changed}
+
+
+@pytest.mark.parametrize(
+    ("leftover_of", "rounds", "is_begun"),
+    [
+        ((), [], False),
+        ((_left(),), [], True),
+        ((), [{"ranking": [{"name": "a", "forecast": {"share": 0.01}}]}], True),
+        ((_left(matters=True),), [], True),
+    ],
+)
+def test_effects_are_begun_anew_where_something_remains(
+    rubbing, monkeypatch, leftover_of, rounds, is_begun
+):
+    """Also under "nothing is missing": a push, or an effect that is evident."""
+    base, asked = fitted_base(rubbing), []
+    outcome = Named(base, base, rounds, leftover=leftover_of)
+    monkeypatch.setattr(judging, "_searched", lambda *args: outcome)
+    monkeypatch.setattr(judging, "is_outdone", lambda *args: False)
+    monkeypatch.setattr(judging, "begun_anew", lambda *args: asked.append(args) or {})
+    assert named(rubbing, base) is outcome
+    assert bool(asked) == is_begun
 
 
 def test_without_a_block_a_mean_is_the_mean_of_the_others():

@@ -47,7 +47,7 @@ class Carriage(System):
 
 
 def recorded(force) -> Recording:
-    """Thirty seconds in fine steps, with `force(position_m)` [N] beside what pushes."""
+    """Thirty seconds in fine steps, with `force(position_m, speed_mps)` [N] beside what pushes."""
     rng = np.random.default_rng(3)
     pushed = np.repeat(rng.uniform(-6.0, 6.0, 60), 25)
     x, v, shown = 5.5, 0.0, np.empty(len(pushed))
@@ -55,7 +55,7 @@ def recorded(force) -> Recording:
         pushed[k] = push = push + 12.0 * (5.5 - x)  # a spring that is logged keeps it near
         shown[k] = x + 1e-3 * rng.standard_normal()
         for _ in range(20):
-            v += (push - 4.0 * v + force(x)) / MASS_KG / RATE / 20
+            v += (push - 4.0 * v + force(x, v)) / MASS_KG / RATE / 20
             x += v / RATE / 20
     columns = {"force_n": pushed, "position_m": shown}
     return Recording("carriage", np.arange(len(pushed)) / RATE, columns)
@@ -66,18 +66,46 @@ def leading(force) -> Candidate:
     return ranked(model, fitted_base(model), list(model.effects))[0][0]
 
 
+@pytest.mark.parametrize("loss_spm", [0.0, 3.0])
 @pytest.mark.parametrize(("kind", "limit_m", "sign"), [("lower", 5.2, 1.0), ("upper", 5.8, -1.0)])
-def test_a_stop_is_found_wherever_the_way_ends(kind, limit_m, sign):
+def test_a_stop_is_found_wherever_the_way_ends(kind, limit_m, sign, loss_spm):
+    """It throws back, or takes speed away, and never holds what leaves."""
+
+    def met(x, v):
+        pressed = max(sign * (limit_m - x), 0.0)
+        return sign * 200.0 * pressed * max(1.0 - loss_spm * sign * v, 0.0)
+
     name = f"{kind}-stop@speed_mps"
-    best = leading(lambda x: sign * 200.0 * max(sign * (limit_m - x), 0.0))
+    best = leading(met)
     assert best.name == name
     assert best.fit.value(f"{name}.limit") == pytest.approx(limit_m, abs=0.01)
-    assert best.fit.value(f"{name}.stiffness") == pytest.approx(200.0, rel=0.2)
+    assert best.fit.value(f"{name}.stiffness") == pytest.approx(200.0, rel=0.3)
+    low, high = best.fit.interval(f"{name}.loss")
+    assert low - 0.3 < loss_spm < high + 0.3
+    assert high - low < 3.0
+
+
+def test_what_ends_a_level_takes_no_speed_away():
+    """A rim acts on the level itself: nothing there has a speed."""
+
+    class Tank(Carriage):
+        states: ClassVar = {"level_m": "m"}
+        outputs: ClassVar = [Output("level_m", "m", noise=1e-3)]
+        ports: ClassVar = [Port.force("level_m", position="level_m")]
+
+        def derivative(self, state, inputs, c):
+            return {"level_m": inputs.force_n / c.mass_kg - state.level_m}
+
+    rng = np.random.default_rng(0)
+    columns = {"force_n": rng.uniform(0.0, 3.0, 300), "level_m": rng.uniform(0.4, 0.6, 300)}
+    model = LogModel(Tank(), [Recording("tank", np.arange(300) / RATE, columns)])
+    of_a_stop = [f.name for f in model.free(("upper-stop@level_m",)) if "stop" in f.name]
+    assert of_a_stop == ["upper-stop@level_m.stiffness", "upper-stop@level_m.limit"]
 
 
 @pytest.mark.parametrize("width_m", [0.1, 0.8])
 def test_an_effect_of_the_user_s_own_has_a_shape_beside_its_size(width_m):
-    best = leading(lambda x: -2.0 * MASS_KG * np.exp(-(((x - 5.5) / width_m) ** 2)))
+    best = leading(lambda x, v: -2.0 * MASS_KG * np.exp(-(((x - 5.5) / width_m) ** 2)))
     assert best.name == "jet"
     assert best.fit.value("jet.strength") == pytest.approx(-2.0, rel=0.1)
     assert best.fit.value("jet.width_m") == pytest.approx(width_m, rel=0.1)
@@ -109,7 +137,7 @@ def test_an_effect_of_the_user_s_own_that_cannot_act_is_refused(function, parame
 
 
 def test_one_reading_that_strays_is_no_end_of_the_way():
-    recording = recorded(lambda x: 200.0 * max(5.2 - x, 0.0))
+    recording = recorded(lambda x, v: 200.0 * max(5.2 - x, 0.0))
     recording.columns["position_m"][700] = 20.0
     sizes = LogModel(Carriage(), [recording]).sizes
     assert sizes["highest position_m"] < 6.5
@@ -122,7 +150,7 @@ def test_a_correction_keeps_the_ends_of_the_way_and_refuses_a_size_below_zero(tm
     class Middle(Carriage):
         ports: ClassVar = [Port.force("speed_mps", inertia="mass_kg", position="position_m")]
 
-    recording = recorded(lambda x: 0.0)
+    recording = recorded(lambda x, v: 0.0)
     columns = {**recording.columns, "position_m": recording.columns["position_m"] - 5.5}
     model = LogModel(Middle(), [Recording("middle", recording.time_s, columns)])
     base = fitted_base(model)

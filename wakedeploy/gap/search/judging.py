@@ -40,6 +40,7 @@ from wakedeploy.gap.search.weighing import (
     crossed,
     helps,
     is_outdone,
+    share_of_gap,
     weight_of,
 )
 
@@ -233,11 +234,6 @@ def _judged(
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
     return Verdict(effect, why, weight, squares)
-
-
-def share_of_gap(begun: FloatArray, before: FloatArray, after: FloatArray) -> float:
-    """By how much squared errors fall, of those that there were at first."""
-    return weight_of(begun, after).share - weight_of(begun, before).share
 
 
 def is_shared(effect: Candidate, chance: float) -> bool:

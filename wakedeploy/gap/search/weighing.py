@@ -17,6 +17,7 @@ from wakedeploy.gap.search.comparison import Comparison, errors
 
 _FOLDS = 4
 _CAP = 20.0  # typical stretches that one may count for: from an unstable state all models run away
+_FEWEST_FAR = 3  # stretches that err by more than that, from which they count in full
 _ROUNDING = 1e-12  # of the largest channel's error
 _FARTHEST = 16.0  # square of a step in standard deviations that leaving blocks out may take
 
@@ -138,13 +139,49 @@ def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
 def weight_of(was: FloatArray, now: FloatArray) -> Weight:
     """Of squared errors of stretches, (stretches, channels), without and with an effect.
 
-    Those that run away count no more than some.
+    Those that run away count no more than some, unless there are a few that all fall by half: so
+    errs a system that meets a floor now and then.
     """
     if not np.all(np.isfinite(now)):
         return Weight(-1.0, -1.0, -1.0)
+    was, now = _summed(was, now)
+    cap = _cap(was)
+    usual = _removed(was, now, cap)
+    far = was > cap
+    if usual.matters or far.sum() < _FEWEST_FAR or np.any(now[far] > 0.5 * was[far]):
+        return usual
+    all_of_it = _removed(was, now, np.inf)
+    return all_of_it if all_of_it.low > 0.0 else usual
+
+
+def share_of_gap(begun: FloatArray, before: FloatArray, after: FloatArray) -> float:
+    """By how much squared errors fall, of those that there were at first.
+
+    Whether those that run away count in full or not, whichever is more.
+    """
+    shares = []
+    for capped in (True, False):
+        removed = []
+        for now in (before, after):
+            was, least = _summed(begun, now)
+            removed.append(_removed(was, least, _cap(was) if capped else np.inf).share)
+        shares.append(removed[1] - removed[0])
+    return float(np.nanmax(shares))
+
+
+def _summed(was: FloatArray, now: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Errors of stretches, channels added in shares of what each errs without the effect."""
     usual = was.sum(0)
-    was, now = (e @ (1.0 / np.where(usual > 0.0, usual, 1.0)) for e in (was, now))
-    cap = _CAP * float(np.median(was)) or np.inf
+    weights = 1.0 / np.where(usual > 0.0, usual, 1.0)
+    return np.asarray(was @ weights), np.asarray(now @ weights)
+
+
+def _cap(was: FloatArray) -> float:
+    return _CAP * float(np.median(was)) or np.inf
+
+
+def _removed(was: FloatArray, now: FloatArray, cap: float) -> Weight:
+    """The share removed of errors (stretches,), none counting for more than a cap."""
     was, now = np.minimum(was, cap), np.minimum(now, cap)
     share = 1.0 - float(now.sum() / was.sum())
     count = len(was)

@@ -5,7 +5,7 @@ parameters. Dry friction is no force but a bound on one: see `physics.friction`.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -306,19 +306,22 @@ class GroundEffect(ForceKind):
         return np.asarray(p["force"] * np.exp(-np.maximum(at.height, 0.0) / p["reach"]))
 
 
-class UpperStop(ForceKind):
-    """An end stop, a rim, an overflow: beyond a limit a strong force acts back."""
+class UpperRim(ForceKind):
+    """An overflow: above a limit of a level, a strong flow acts back.
+
+    A level has no speed of its own that could be taken away; what has one meets an `UpperStop`.
+    """
 
     name = "upper-stop"
     phrase = "a stop at the upper end that acts on {port}"
     equation = "−k max(x − limit, 0)"
     source = "Hunt and Crossley, Journal of Applied Mechanics 42, 1975"
-    needs = ("position",)
-    parameters = (
-        Parameter("stiffness", {"force": 1, "range": -1}, low=0.0, high=1000.0,
-                  starts=(1.0, 1.0, 10.0, 10.0), prior=20.0),
+    needs = ("position", "level")
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("stiffness", {"force": 1, "range": -1}, low=0.0, high=3000.0,
+                  starts=(1.0, 1.0, 10.0, 10.0, 100.0), prior=300.0),
         Parameter("limit", {"range": 1}, origin="highest", neutral=-0.1, low=-1.0, high=0.5,
-                  starts=(-0.25, -0.1, -0.02, -0.05), prior=0.3),
+                  starts=(-0.25, -0.1, -0.02, -0.05, -0.01), prior=0.3),
     )  # fmt: skip
 
     def force(self, at: At, p: Parameters) -> FloatArray:
@@ -326,23 +329,53 @@ class UpperStop(ForceKind):
         return np.asarray(-p["stiffness"] * _softened(at.position - p["limit"], at))
 
 
-class LowerStop(ForceKind):
+class LowerRim(ForceKind):
     """The same, at the other end."""
 
     name = "lower-stop"
     phrase = "a stop at the lower end that acts on {port}"
     equation = "k max(limit − x, 0)"
-    source = UpperStop.source
-    needs = ("position",)
-    parameters = (
-        UpperStop.parameters[0],
+    source = UpperRim.source
+    needs = UpperRim.needs
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        UpperRim.parameters[0],
         Parameter("limit", {"range": 1}, origin="lowest", neutral=0.1, low=-0.5, high=1.0,
-                  starts=(0.25, 0.1, 0.02, 0.05), prior=0.3),
+                  starts=(0.25, 0.1, 0.02, 0.05, 0.01), prior=0.3),
     )  # fmt: skip
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """Back from beyond the limit."""
         return np.asarray(p["stiffness"] * _softened(p["limit"] - at.position, at))
+
+
+_LOSS = Parameter("loss", {"speed": -1}, neutral=2.0, low=0.0, high=20.0, starts=(2.0,), prior=3.0)
+
+
+class UpperStop(UpperRim):
+    """An end stop: beyond a limit a strong force acts back, and takes speed away.
+
+    It resists the more the faster it is met, and never holds back what leaves it.
+    """
+
+    equation = "−k max(x − limit, 0) max(1 + loss v, 0)"
+    needs = ("position", "moving")
+    parameters = (*UpperRim.parameters, _LOSS)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Back from beyond the limit."""
+        return np.asarray(super().force(at, p) * np.maximum(1.0 + p["loss"] * at.speed, 0.0))
+
+
+class LowerStop(LowerRim):
+    """A floor, or an end stop at the other end."""
+
+    equation = "k max(limit − x, 0) max(1 − loss v, 0)"
+    needs = UpperStop.needs
+    parameters = (*LowerRim.parameters, _LOSS)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Back from beyond the limit."""
+        return np.asarray(super().force(at, p) * np.maximum(1.0 - p["loss"] * at.speed, 0.0))
 
 
 class Coupling(ForceKind):
@@ -369,5 +402,5 @@ def _softened(beyond: FloatArray, at: At) -> FloatArray:
 KINDS = (
     Offset(), Viscous(), Coulomb(), Stribeck(), Presliding(), QuadraticDrag(), Stiffness(),
     CubicStiffness(), SquareStiffness(), Gravity(), Periodic(), Hysteresis(), AddedInertia(),
-    GroundEffect(), UpperStop(), LowerStop(), Coupling(),
+    GroundEffect(), UpperStop(), LowerStop(), UpperRim(), LowerRim(), Coupling(),
 )  # fmt: skip

@@ -125,6 +125,8 @@ def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, flo
     near = sizes.get(f"least {port.name}", 0.0) <= _STILL * sizes.get(port.name, 1.0)
     angle = bool(port.position) and system.states[port.position] in _ANGLES
     there = {"position": bool(port.position), "height": bool(port.height), "angle": angle}
+    level = port.position == port.name
+    there |= {"level": level, "moving": not level}
     there |= {"inertia": bool(port.inertia), "other": True}
     there |= {"turning": turns, "still": turns or near}
     if port.role == "constant" and kind.name == "scale":  # one that is free already has any size
