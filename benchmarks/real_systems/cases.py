@@ -111,9 +111,10 @@ def _pushed(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
 
 
 def _standing(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
-    """What a floor bears."""
+    """What a floor bears; it holds nothing back that leaves (Hunt and Crossley, 1975)."""
     sunk = np.maximum(c.floor_m - state.height_m, 0.0)
-    return {"climb_mps": sunk * (c.stiffness_npm - c.damping_nspm2 * state.climb_mps) / c.mass_kg}
+    stiffness = np.maximum(c.stiffness_npm - c.damping_nspm2 * state.climb_mps, 0.0)
+    return {"climb_mps": sunk * stiffness / c.mass_kg}
 
 
 def _blown_at(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
