@@ -7,12 +7,13 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.flown_again import TRIES, flown_again
 from benchmarks.form_error.equations import COULOMB, LUGRE, STRIBECK, Numbers
 from benchmarks.form_error.plant import Build, Electronics, FormPlant
 from benchmarks.form_error.profiles import AIR_DENSITY_KGPM3, Jet, Wake, jet_of
@@ -20,7 +21,7 @@ from runtime.loop.loop import Loop
 from runtime.reference import random_plan
 from runtime.run import metadata
 from runtime.simulated import SimulatedGantry
-from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.rig import Rig
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import _NO_TIME, _Rows
 from wakedeploy.physics.constants import constants_of, moved_thrust, spreads_of
@@ -28,7 +29,6 @@ from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig.file import default_rig
 
 FLIGHTS, SECONDS = 7, 20.0
-_TRIES, _ENOUGH_S = 4, 5.0  # a flight that the supervisor ended so soon is flown again, as at a rig
 FRICTIONS: Mapping[str, Mapping[str, float]] = {
     "coulomb": {"friction": COULOMB},
     "stribeck": {"friction": STRIBECK, "stribeck_mps": 0.02},
@@ -107,12 +107,9 @@ def flights_of(case: Case, folder: Path, rig: Rig | None = None) -> list[Path]:
     place.mkdir(parents=True, exist_ok=True)
     paths = [place / f"flight{i}.mcap" for i in range(FLIGHTS)]
     for i, path in enumerate(paths):
-        for again in range(_TRIES if not path.is_file() else 0):
-            log = fly(case, rig, 100 * case.seed + i + again * FLIGHTS)
-            if log.flying.sum() > _ENOUGH_S * LOOP_RATE_HZ:
-                break
         if not path.is_file():
-            log.without_truth().write_mcap(path)
+            seeds = (100 * case.seed + i + again * FLIGHTS for again in range(TRIES))
+            flown_again(partial(fly, case, rig), seeds).without_truth().write_mcap(path)
     rig.write(place / "rig.toml")
     return paths
 

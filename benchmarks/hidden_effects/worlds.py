@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from benchmarks.flown_again import ENOUGH_S, TRIES, flown_again
 from benchmarks.hidden_effects.cases import FLIGHT_S, FLIGHTS, Case
 from benchmarks.hidden_effects.outside import OUTSIDE
 from benchmarks.hidden_effects.second_plant import (
@@ -22,14 +23,13 @@ from runtime.run import metadata
 from runtime.simulated import SimulatedGantry
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.core.package import read_package
-from wakedeploy.core.rig import LOOP_RATE_HZ, Effect, EffectParameter, Rig
+from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import _NO_TIME, _forecast, _Rows, record
 from wakedeploy.physics.constants import constants_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
-_TRIES, _ENOUGH_S = 4, 5.0
 _PLACELESS = {  # constants without a place in a rig file: the effects that state them
     "command.delay_s": ("command-latency", "latency_s"),
     "range.bias_m": ("range-bias", "bias_m"),
@@ -83,11 +83,9 @@ def flight(case: Case, number: int, seconds: float = FLIGHT_S) -> RunLog:
 
     One that the supervisor ends at take-off is flown again, as at a rig.
     """
-    for again in range(_TRIES):
-        log = fly(case, 100 * case.seed + number + again * FLIGHTS, seconds)
-        if log.flying.sum() > min(_ENOUGH_S, 0.5 * seconds) * LOOP_RATE_HZ:
-            break
-    return log
+    seeds = (100 * case.seed + number + again * FLIGHTS for again in range(TRIES))
+    enough_s = min(ENOUGH_S, 0.5 * seconds)
+    return flown_again(lambda seed: fly(case, seed, seconds), seeds, enough_s)
 
 
 def fly(

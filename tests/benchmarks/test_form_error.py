@@ -1,8 +1,11 @@
 """The referee's gantries: their equations, against what is known of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from benchmarks.flown_again import flown_again
 from benchmarks.form_error.cases import Case, build_of, fly, jet_of_case
 from benchmarks.form_error.equations import (
     COULOMB,
@@ -16,10 +19,13 @@ from benchmarks.form_error.equations import (
     Z,
     advance,
 )
-from benchmarks.form_error.judge import answer_of
+from benchmarks.form_error.judge import answer_of, row
 from benchmarks.form_error.plan import DOSES, hidden_names, no_effect, trivial, with_effect
 from benchmarks.form_error.plant import FormPlant
 from benchmarks.form_error.profiles import DISTANCE_M, FAMILIES, LATERAL_M, Jet
+from benchmarks.form_error.table import curve
+from wakedeploy.core.rig import LOOP_RATE_HZ
+from wakedeploy.gap.systems.gantry.search.importance import Removed
 from wakedeploy.physics.jet import VerticalJet
 from wakedeploy.rig.file import default_rig
 
@@ -137,3 +143,39 @@ def test_a_useless_answer_is_no_right_one() -> None:
     assert answer_of("added-mass", "none", [], [], nothing, matters=False) == "right"
     assert answer_of("added-mass", "named", ["gust"], [], nothing, matters=False) == "wrong"
     assert answer_of("added-mass", "unknown", [], [], nothing, matters=False) == "useless"
+
+
+def test_a_row_says_whether_the_hidden_effect_is_worth_anything() -> None:
+    """Known by name, it would remove so much of the sealed error, at any of the horizons."""
+    case = with_effect(1)[0]
+    gap = {"height 0.25 s ahead": {"before": 0.010, "after": 0.011}}
+    nothing = {"effects": [], "verdict": "none", "class": [], "gap": gap}
+    little, much = Removed(0.03, 0.0, 0.06), Removed(0.3, 0.1, 0.5)
+    missed = row(case, nothing, RIG, 9.0, {0.25: little, 1.0: much})
+    assert (missed["matters"], missed["answer"]) == (True, "missed")
+    assert missed["worth"] == {"0.25": 0.03, "1": 0.3}
+    rightly = row(case, nothing, RIG, 9.0, {0.25: little, 1.0: little})
+    assert (rightly["matters"], rightly["answer"]) == (False, "right")
+    effects = [{"name": missed["hidden"], "worth": {"matters": True}}]
+    named = {**nothing, "verdict": "named", "effects": effects}
+    added = row(case, named, RIG, 9.0, {0.25: much})
+    assert (added["answer"], added["added_worse"]) == ("right", True)
+    none_hidden = row(no_effect(1)[0], nothing, RIG, 9.0, {})
+    (line,) = curve([{**r, "dose": 0.02} for r in (missed, rightly, added, none_hidden)])
+    counts = {k: (line[k]["count"], line[k]["of"]) for k in ("right", "too_small", "false_alarms")}
+    assert counts == {"right": (1, 2), "too_small": (1, 1), "false_alarms": (0, 1)}
+    assert line["added_worse"] == 1
+
+
+@pytest.mark.parametrize(("ends_s", "flown"), [([1.0, 9.0], [0, 1]), ([1.0, 2.0], [0, 1])])
+def test_a_flight_that_ended_soon_is_flown_again(ends_s, flown) -> None:
+    """The last is kept where none is long enough."""
+    seeds = []
+
+    def fly(seed):
+        seeds.append(seed)
+        return SimpleNamespace(flying=np.arange(320) < LOOP_RATE_HZ * ends_s[seed])
+
+    log = flown_again(fly, range(2))
+    assert seeds == flown
+    assert log.flying.sum() == LOOP_RATE_HZ * ends_s[-1]

@@ -1,6 +1,7 @@
 """Flights of the virtual gantry, answered and judged: what matters, what does not, and halves."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -68,6 +69,45 @@ def test_effects_come_back_where_the_expression_in_their_place_is_not_borne_out(
     told = name(case, tmp_path)
     assert [e.name for e in told.effects] == ["crosswind-offset"]
     assert Name.model_validate_json((tmp_path / "name.json").read_text()) == told
+
+
+@pytest.mark.parametrize(
+    ("verdict", "of_effects", "told", "kept"),
+    [
+        ("unknown", "class", "formula unknown", "formula"),  # borne out: nothing else is asked
+        ("none", "class", "effects class", "effects"),
+        ("none", "none", "formula none", "formula"),
+    ],
+)
+def test_effects_are_judged_where_what_took_their_place_is_not_borne_out(
+    tmp_path, monkeypatch, verdict, of_effects, told, kept
+) -> None:
+    """The order of the steps alone; the one above has real flights."""
+    effects = SimpleNamespace(text="effects", verdict=of_effects, instead=None)
+    formula = SimpleNamespace(text="formula", verdict=verdict, instead=effects)
+    fits, written = [], []
+    fakes = {
+        "required": lambda *_: SimpleNamespace(find=None),
+        "name_effects": lambda *_, **__: formula,
+        "write_answer": lambda answer, *_: answer,
+        "_judged": lambda case, out, answer, named, progress: written.append(answer) or answer,
+        "write": lambda out, named: written.append(named) or named,
+    }
+    for part, fake in fakes.items():
+        monkeypatch.setattr(find_name_add_show, part, fake)
+    monkeypatch.setattr(
+        find_name_add_show.Found,
+        "of",
+        lambda answer: SimpleNamespace(write=lambda out: fits.append(answer)),
+    )
+    case = SimpleNamespace(
+        rig=SimpleNamespace(sha256=""), recordings=[], base=(None, None), flights=range(9),
+        thresholds=LIMITS, share=0.0,
+    )  # fmt: skip
+    answer = name(case, tmp_path)
+    assert f"{answer.text} {answer.verdict}" == told
+    assert written[-1].text == kept  # what name.json ends as
+    assert [f.text for f in fits] == (["formula"] if told == "formula none" else [])
 
 
 @pytest.mark.slow
