@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.flown_again import flown_again
-from benchmarks.form_error.cases import Case, build_of, fly, jet_of_case
+from benchmarks.form_error.cases import Case, build_of, flights_of, fly, jet_of_case
 from benchmarks.form_error.equations import (
     COULOMB,
     LUGRE,
@@ -24,8 +24,10 @@ from benchmarks.form_error.plan import DOSES, hidden_names, no_effect, trivial, 
 from benchmarks.form_error.plant import FormPlant
 from benchmarks.form_error.profiles import DISTANCE_M, FAMILIES, LATERAL_M, Jet
 from benchmarks.form_error.table import curve
+from benchmarks.form_error.worth import worth_of
 from wakedeploy.core.rig import LOOP_RATE_HZ
 from wakedeploy.gap.systems.gantry.search.importance import Removed
+from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.jet import VerticalJet
 from wakedeploy.rig.file import default_rig
 
@@ -179,3 +181,19 @@ def test_a_flight_that_ended_soon_is_flown_again(ends_s, flown) -> None:
     log = flown_again(fly, range(2))
     assert seeds == flown
     assert log.flying.sum() == LOOP_RATE_HZ * ends_s[-1]
+
+
+@pytest.mark.slow
+def test_what_an_effect_is_worth_is_what_the_answer_says_of_it(tmp_path) -> None:
+    """Known by name beforehand, and found: one share of the sealed error."""
+    case = Case(4600, effects={"crosswind-offset.offset_m": 0.04})
+    logs = flights_of(case, tmp_path / "flights")
+    result = close(logs[0].parent / "rig.toml", logs, tmp_path / "answer", workers=1, report=False)
+    (effect,) = result.effects
+    assert effect.name == "crosswind-offset"
+    worth = worth_of(("crosswind-offset",), logs, tmp_path / "answer")
+    assert set(worth) == {0.25, 1.0}
+    for horizon_s, removed in worth.items():
+        told = effect.worth.removed[f"{horizon_s:g} s ahead"]
+        assert removed.share == pytest.approx(told.share, abs=0.02)
+        assert removed.share > 0.2
