@@ -169,7 +169,7 @@ def _round(
     verdicts = _judged_round(model, outcome, found, progress, anew)
     if not outcome.alone:
         outcome = replace(outcome, alone=tuple(v.candidate for v in verdicts))
-    best = _best(model, found, verdicts)
+    best = _best(model, found, verdicts, outcome.rounds[-1]["threshold_nats"])
     if best:
         return _with(model, outcome, best)
     evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
@@ -246,7 +246,9 @@ def is_shared(effect: Candidate, chance: float) -> bool:
     return bool(effect.gain_nats - gains.max() > least and lost < 0.5 * won)
 
 
-def _best(model: Comparison, found: Fit, verdicts: Sequence[Verdict]) -> list[Verdict]:
+def _best(
+    model: Comparison, found: Fit, verdicts: Sequence[Verdict], chance: float
+) -> list[Verdict]:
     """The best one that is accepted, or what is simpler and as good, and all that rival it.
 
     Those that are accepted come first; () where none is.
@@ -254,17 +256,20 @@ def _best(model: Comparison, found: Fit, verdicts: Sequence[Verdict]) -> list[Ve
     leader = next((v for v in verdicts if v.why == ACCEPTED), None)
     if leader is None:
         return []
-    leader = _plainer(model, found, leader)
+    leader = _plainer(model, found, leader, chance)
     alike = undecided(model, [leader, *_rivals(leader, verdicts)])
     if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
         return [leader]
     return sorted(alike, key=lambda v: v.why != ACCEPTED)
 
 
-def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
-    """What is simpler than a candidate and gains as much, where forecasts get better by it."""
+def _plainer(model: Comparison, found: Fit, leader: Verdict, chance: float) -> Verdict:
+    """What is simpler than a candidate and gains as much, where forecasts get better by it.
+
+    Not where that rests on one block: it would be turned down, and the candidate lost with it.
+    """
     plainer = simpler(model, found, leader.candidate)
-    if plainer is leader.candidate:
+    if plainer is leader.candidate or not is_shared(plainer, chance):
         return leader
     squares = crossed(model, plainer.fit)
     weight = weight_of(crossed(model, found), squares)

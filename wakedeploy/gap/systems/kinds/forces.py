@@ -310,6 +310,7 @@ class UpperRim(ForceKind):
     """An overflow: above a limit of a level, a strong flow acts back.
 
     A level has no speed of its own that could be taken away; what has one meets an `UpperStop`.
+    The limit is near the end of the way: what is passed by more than a tenth of it is no stop.
     """
 
     name = "upper-stop"
@@ -320,8 +321,8 @@ class UpperRim(ForceKind):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("stiffness", {"force": 1, "range": -1}, low=0.0, high=3000.0,
                   starts=(1.0, 1.0, 10.0, 10.0, 100.0), prior=300.0),
-        Parameter("limit", {"range": 1}, origin="highest", neutral=-0.1, low=-1.0, high=0.5,
-                  starts=(-0.25, -0.1, -0.02, -0.05, -0.01), prior=0.3),
+        Parameter("limit", {"range": 1}, origin="highest", neutral=-0.05, low=-0.1, high=0.5,
+                  starts=(-0.1, -0.05, -0.02, -0.05, -0.01), prior=0.1),
     )  # fmt: skip
 
     def force(self, at: At, p: Parameters) -> FloatArray:
@@ -339,8 +340,8 @@ class LowerRim(ForceKind):
     needs = UpperRim.needs
     parameters: ClassVar[tuple[Parameter, ...]] = (
         UpperRim.parameters[0],
-        Parameter("limit", {"range": 1}, origin="lowest", neutral=0.1, low=-0.5, high=1.0,
-                  starts=(0.25, 0.1, 0.02, 0.05, 0.01), prior=0.3),
+        Parameter("limit", {"range": 1}, origin="lowest", neutral=0.05, low=-0.5, high=0.1,
+                  starts=(0.1, 0.05, 0.02, 0.05, 0.01), prior=0.1),
     )  # fmt: skip
 
     def force(self, at: At, p: Parameters) -> FloatArray:
