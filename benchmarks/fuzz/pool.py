@@ -343,11 +343,11 @@ def _with_room(judge: Judge, kind: Kind, sound: Files, damaged: Files) -> Verdic
         finally:
             os._exit(0)  # whatever happens, this is no second worker
     os.close(writing)
-    with os.fdopen(reading, "rb") as answer:
-        found = answer.read()
+    with os.fdopen(reading, "rb") as pipe:
+        found = pipe.read()
     os.waitpid(child, 0)
-    told = json.loads(found) if found else None  # nothing, if it has died
-    verdict = None if told is None else Verdict(**told)
+    answer = json.loads(found) if found else None  # nothing, if it has died
+    verdict = None if answer is None else Verdict(**answer)
     return None if verdict is None or verdict.trouble == RAN_OUT else verdict
 
 
