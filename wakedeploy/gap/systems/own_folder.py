@@ -38,7 +38,10 @@ class OwnFolder(Folder):
 
 
 def _key(model: LogModel) -> str:
-    """A hash of the rules, the logs, and of what the system states and its functions compute."""
+    """A hash of the rules, the logs, the effects with their parameters, and of the system.
+
+    Of the system it is what it states and what its functions compute.
+    """
     digest = hashlib.sha256()
     system = model.system
     stated = (
@@ -46,7 +49,7 @@ def _key(model: LogModel) -> str:
         system.constants, [replace(port, function=None) for port in system.ports],
         system.process_noise, system.start_spread, system.outlier_share, system.forecast_s,
     )  # fmt: skip
-    digest.update(repr((RULES, system.name, stated, sorted(model.library))).encode())
+    digest.update(repr((RULES, system.name, stated, sorted(model.effects.items()))).encode())
     for log in model.logs:
         digest.update(log.name.encode())
         digest.update(log.driving.tobytes() + log.outputs.tobytes())

@@ -320,7 +320,7 @@ class UpperRim(ForceKind):
     needs = ("position", "level")
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("stiffness", {"force": 1, "range": -1}, low=0.0, high=3000.0,
-                  starts=(1.0, 1.0, 10.0, 10.0, 100.0), prior=300.0),
+                  starts=(1.0, 1.0, 10.0, 10.0, 100.0), step=0.1, prior=300.0),
         Parameter("limit", {"range": 1}, origin="highest", neutral=-0.05, low=-0.1, high=0.5,
                   starts=(-0.1, -0.05, -0.02, -0.05, -0.01), prior=0.1),
     )  # fmt: skip
