@@ -100,9 +100,10 @@ def _other_forms(records: Records) -> list[list[str]]:
     hidden = [r["answer"] for r in rows if r["matters"]]
     plain = [r["answer"] for r in rows if not r["hidden"]]
     what = f"gantries whose wake differs from the model's by up to {percent(_LARGEST_MISFIT)}"
+    right = f"{hidden.count('right')} of {len(hidden)}"
     alarms = f"{len(plain) - plain.count('right')} of {len(plain)}"
     return [
-        [f"{what}, an effect hidden: named", f"{hidden.count('right')} of {len(hidden)}", "≥ 85 %"],
+        [f"{what}, an effect that matters hidden: its name or class", right, "≥ 85 %"],
         ["the same, nothing hidden: something named or suspected", alarms, "≤ 5 %"],
     ]
 
@@ -115,7 +116,7 @@ def _real_systems(records: Records) -> list[list[str]]:
     settled = sum(answer in ("right", "next") for answer in left_in)
     return [
         [
-            "robots and plants that others recorded, a known effect left out: named",
+            "robots and plants that others recorded, a known effect left out: its name or class",
             f"{named} of {len(left_out)}, {left_out.count('wrong')} wrong",
             "≥ 90 %",
         ],

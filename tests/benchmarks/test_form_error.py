@@ -169,7 +169,9 @@ def test_a_row_says_whether_the_hidden_effect_is_worth_anything() -> None:
     assert line["added_worse"] == 1
 
 
-@pytest.mark.parametrize(("ends_s", "flown"), [([1.0, 9.0], [0, 1]), ([1.0, 2.0], [0, 1])])
+@pytest.mark.parametrize(
+    ("ends_s", "flown"), [([9.0, 1.0], [0]), ([1.0, 9.0], [0, 1]), ([1.0, 2.0], [0, 1])]
+)
 def test_a_flight_that_ended_soon_is_flown_again(ends_s, flown) -> None:
     """The last is kept where none is long enough."""
     seeds = []
@@ -180,7 +182,7 @@ def test_a_flight_that_ended_soon_is_flown_again(ends_s, flown) -> None:
 
     log = flown_again(fly, range(2))
     assert seeds == flown
-    assert log.flying.sum() == LOOP_RATE_HZ * ends_s[-1]
+    assert log.flying.sum() == LOOP_RATE_HZ * ends_s[flown[-1]]
 
 
 @pytest.mark.slow

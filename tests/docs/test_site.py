@@ -20,6 +20,7 @@ from wakedeploy.cli import main
 from wakedeploy.core.failsafes import HINTS
 from wakedeploy.core.runlog_columns import COLUMNS
 from wakedeploy.core.runlog_meanings import MEANINGS
+from wakedeploy.gap.systems.kinds.library import KINDS_BY_ROLE
 
 SITE = ROOT / "build" / "docs" / "html"
 built = pytest.mark.skipif(not (SITE / "index.html").exists(), reason="make docs builds the site")
@@ -173,6 +174,21 @@ def test_every_constant_of_a_rig_file_has_a_description(monkeypatch: pytest.Monk
     cells = [[c.strip() for c in row.strip("|").split("|")] for row in rows if row[:3] == "| `"]
     assert len(cells) > 50
     assert [row[0] for row in cells if len(row) != 5 or len(row[-1].split()) < 3] == []
+
+
+def test_every_effect_of_a_system_is_told_with_what_it_needs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs" / "site"), *sys.path])
+    rows = importlib.import_module("parts.system_effects").markdown().splitlines()
+    of_effects = (row.strip("|") for row in rows if row[:3] == "| `")
+    cells = [[c.strip() for c in re.split(r"(?<!\\)\|", row)] for row in of_effects]
+    told = [row[0].strip("`") for row in cells]
+    assert told == [kind.name for kinds in KINDS_BY_ROLE.values() for kind in kinds]
+    assert [row[0] for row in cells if len(row) != 6 or len(row[1].split()) < 2] == []
+    loss = [row for row in cells if "*loss*" in row[3]]
+    assert [row[0] for row in loss] == ["`upper-stop`", "`lower-stop`"]
+    assert all("`position`'s speed" in row[4] for row in loss)
 
 
 def test_a_link_out_of_the_manual_leads_to_the_page_that_stands_for_it(tmp_path: Path) -> None:

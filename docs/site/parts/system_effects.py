@@ -17,6 +17,8 @@ _NEEDS = {
     "height": "`height`",
     "inertia": "`inertia`",
     "angle": "a `position` that is an angle",
+    "moving": "a state that is the `position`'s speed",
+    "level": "a state that is no speed, as a level",
     "other": "a second input or axis",
     "still": "logs in which it comes near 0, or turns",
     "turning": "logs in which it turns",

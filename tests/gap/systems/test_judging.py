@@ -293,18 +293,45 @@ def test_a_stretch_that_runs_away_does_not_decide():
     assert weight_of(was, now).share == pytest.approx(0.5)
 
 
+def met_now_and_then(near, far, count=3):
+    """Stretches without and with an effect: a floor is met in some, elsewhere all is as before."""
+    was, now = np.full((24, 1), 1.0), np.full((24, 1), near)
+    was[[5, 6, 17][:count]], now[[5, 6, 17][:count]] = 500.0, far
+    return was, now
+
+
 def test_stretches_that_err_by_far_count_in_full_where_they_all_fall():
-    """A floor that is met now and then: elsewhere the effect does a little harm."""
-    was, now = np.full((24, 1), 1.0), np.full((24, 1), 1.5)
-    was[[5, 6, 17]], now[[5, 6, 17]] = 500.0, 30.0
+    was, now = met_now_and_then(1.5, 30.0)
     fallen = weight_of(was, now)
     assert fallen.share == pytest.approx(1.0 - (21 * 1.5 + 3 * 30.0) / (21 + 3 * 500.0))
     assert fallen.low > 0.5
     assert share_of_gap(was, was, now) == pytest.approx(fallen.share)
-    now[17] = 400.0  # one of them hardly does
+
+
+def test_they_do_not_where_one_hardly_falls_or_they_are_two():
+    was, now = met_now_and_then(1.5, 240.0)
+    assert weight_of(was, now).share > 0.0
+    now[17] = 260.0
     assert weight_of(was, now).share < 0.0
-    was[17] = now[17] = 1.0  # two may be chance
-    assert weight_of(was, now).share < 0.0
+    assert weight_of(*met_now_and_then(1.5, 30.0, count=2)).share < 0.0
+
+
+def test_they_do_not_where_all_others_get_much_worse():
+    assert weight_of(*met_now_and_then(7.0, 30.0)).share > 0.5
+    assert weight_of(*met_now_and_then(8.0, 30.0)).share < 0.0
+
+
+def test_errors_that_are_smaller_everywhere_are_no_smaller_share():
+    """Whether stretches count in full does not hang on what all others do a little better."""
+    shares = [weight_of(*met_now_and_then(near, 30.0)).share for near in (1.02, 1.0, 0.96, 0.5)]
+    assert shares == sorted(shares)
+    assert shares[0] > 0.9
+
+
+def test_a_stretch_that_runs_away_from_both_is_no_share_of_the_gap():
+    begun, after = np.full((24, 1), 1.0), np.full((24, 1), 1.0)
+    begun[3], after[3] = 1e6, 0.99e6
+    assert share_of_gap(begun, begun, after) == 0.0
 
 
 def _left(**changed):

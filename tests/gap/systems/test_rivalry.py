@@ -13,10 +13,12 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Free, Score, fit
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
+from wakedeploy.gap.search import judging
 from wakedeploy.gap.search.extent import profiled
 from wakedeploy.gap.search.judging import (
     ACCEPTED,
     HARDLY,
+    Named,
     _best,
     _is_something,
     fitted_base,
@@ -42,13 +44,36 @@ def _verdict(name, why, gains, error):
 
 
 def _told(*verdicts):
-    return [v.candidate.name for v in _best(SimpleNamespace(effects={}), None, verdicts)]
+    leader = next(v for v in verdicts if v.why == ACCEPTED)
+    return [v.candidate.name for v in _best(SimpleNamespace(effects={}), leader, verdicts)]
 
 
 def test_what_would_not_be_named_is_a_rival_all_the_same():
     lag = _verdict("lag@u", ACCEPTED, [2.0, 3.0, 2.0, 1.0], 1.0)
     gain = _verdict("gain@u", HARDLY, [2.5, 1.5, 3.0, 2.0], 1.01)
     assert _told(gain, lag) == ["lag@u", "gain@u"]
+
+
+@pytest.mark.parametrize(
+    ("turned_down", "named"),
+    [((), "coulomb"), (("coulomb",), "stribeck"), (("coulomb", "stribeck"), None)],
+)
+def test_a_simpler_kind_that_is_turned_down_takes_no_candidate_with_it(
+    monkeypatch, turned_down, named
+):
+    finer, simple = (_verdict(n, ACCEPTED, [2.0, 3.0], 1.0) for n in ("stribeck", "coulomb"))
+    fakes = {
+        "_judged_round": lambda *_: [finer],
+        "_plainer": lambda *_: simple,
+        "_best": lambda model, leader, verdicts: [leader],
+        "_with": lambda model, outcome, best: (
+            None if best[0].candidate.name in turned_down else best[0].candidate.name
+        ),
+    }
+    for part, fake in fakes.items():
+        monkeypatch.setattr(judging, part, fake)
+    outcome = Named(None, None, [], alone=(finer.candidate,))
+    assert judging._round(SimpleNamespace(), outcome, lambda *_: None) == named
 
 
 def test_what_every_block_finds_worse_is_no_rival():

@@ -1,5 +1,6 @@
 """Effects that act in a place: a stop far from zero, a jet of some width that the user wrote."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +17,7 @@ from wakedeploy.gap.systems.correction import (
     read_correction,
     write_correction,
 )
+from wakedeploy.gap.systems.kinds.forces import At, LowerStop
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import checked
 
@@ -83,6 +85,48 @@ def test_a_stop_is_found_wherever_the_way_ends(kind, limit_m, sign, loss_spm):
     low, high = best.fit.interval(f"{name}.loss")
     assert low - 0.3 < loss_spm < high + 0.3
     assert high - low < 3.0
+
+
+def test_a_force_that_is_gone_through_is_no_stop():
+    """As air holds up what is near the floor: over a third of the way, and softly."""
+    model = LogModel(Carriage(), [recorded(lambda x, v: 8.0 * np.exp(-(x - 5.0) / 0.15))])
+    low, high = (model.sizes[f"{end} position_m"] for end in ("lowest", "highest"))
+    (limit,) = (f for f in model.free(("lower-stop@speed_mps",)) if f.name.endswith(".limit"))
+    assert limit.high == pytest.approx(low + 0.1 * (high - low))
+    assert all(limit.low < start <= limit.high for start in limit.starts)
+    (limit,) = (f for f in model.free(("upper-stop@speed_mps",)) if f.name.endswith(".limit"))
+    assert limit.low == pytest.approx(high - 0.1 * (high - low))
+
+
+@pytest.mark.parametrize("stiffness", [10.0, 100.0, 3000.0])
+def test_a_stop_bears_a_force_within_it_and_none_from_afar(stiffness):
+    """In usual forces over the length of the way; the stiffer, the less it gives."""
+    sizes = {"range": 1.0, "force": 1.0, "speed": 1.0}
+
+    def borne(position):
+        at = At(*np.full((5, 1), 0.0), own_states=(), sizes=sizes)
+        values = {"stiffness": stiffness, "limit": 0.0, "loss": 0.0}
+        return LowerStop().force(replace(at, position=np.array([position])), values)[0]
+
+    assert borne(-2.0 / stiffness) == pytest.approx(2.0, rel=0.15)
+    assert borne(0.1) < 0.05
+    assert borne(0.5) < 0.01
+
+
+def test_a_state_that_another_moves_is_no_speed_of_it():
+    """Two tanks, one above the other: a port may name the other's level as its position."""
+
+    class Tanks(Carriage):
+        states: ClassVar = {"position_m": "m", "speed_mps": "m/s", "level_m": "m"}
+        ports: ClassVar = [Port.force("level_m", position="position_m")]
+
+        def derivative(self, state, inputs, c):
+            rates = super().derivative(state, inputs, c)
+            return {**rates, "level_m": state.position_m - state.level_m}
+
+    model = LogModel(Tanks(), [recorded(lambda x, v: 0.0)])
+    names = [f.name for f in model.free(("lower-stop@level_m",))]
+    assert not any(name.endswith(".loss") for name in names)
 
 
 def test_what_ends_a_level_takes_no_speed_away():

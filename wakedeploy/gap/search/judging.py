@@ -169,9 +169,13 @@ def _round(
     verdicts = _judged_round(model, outcome, found, progress, anew)
     if not outcome.alone:
         outcome = replace(outcome, alone=tuple(v.candidate for v in verdicts))
-    best = _best(model, found, verdicts, outcome.rounds[-1]["threshold_nats"])
-    if best:
-        return _with(model, outcome, best)
+    leader = next((v for v in verdicts if v.why == ACCEPTED), None)
+    if leader is not None:  # what is simpler comes first, and the leader where that is turned down
+        plainer = _plainer(model, found, leader)
+        further = _with(model, outcome, _best(model, plainer, verdicts))
+        if further is None and plainer is not leader:
+            further = _with(model, outcome, _best(model, leader, verdicts))
+        return further
     evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
     if not evident or len(found.hypothesis) + 2 > RULES.most_effects:
         return None
@@ -246,30 +250,18 @@ def is_shared(effect: Candidate, chance: float) -> bool:
     return bool(effect.gain_nats - gains.max() > least and lost < 0.5 * won)
 
 
-def _best(
-    model: Comparison, found: Fit, verdicts: Sequence[Verdict], chance: float
-) -> list[Verdict]:
-    """The best one that is accepted, or what is simpler and as good, and all that rival it.
-
-    Those that are accepted come first; () where none is.
-    """
-    leader = next((v for v in verdicts if v.why == ACCEPTED), None)
-    if leader is None:
-        return []
-    leader = _plainer(model, found, leader, chance)
+def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """A leader and all that rival it, those that are accepted first."""
     alike = undecided(model, [leader, *_rivals(leader, verdicts)])
     if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
         return [leader]
     return sorted(alike, key=lambda v: v.why != ACCEPTED)
 
 
-def _plainer(model: Comparison, found: Fit, leader: Verdict, chance: float) -> Verdict:
-    """What is simpler than a candidate and gains as much, where forecasts get better by it.
-
-    Not where that rests on one block: it would be turned down, and the candidate lost with it.
-    """
+def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
+    """What is simpler than a candidate and gains as much, where forecasts get better by it."""
     plainer = simpler(model, found, leader.candidate)
-    if plainer is leader.candidate or not is_shared(plainer, chance):
+    if plainer is leader.candidate:
         return leader
     squares = crossed(model, plainer.fit)
     weight = weight_of(crossed(model, found), squares)

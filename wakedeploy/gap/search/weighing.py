@@ -17,7 +17,8 @@ from wakedeploy.gap.search.comparison import Comparison, errors
 
 _FOLDS = 4
 _CAP = 20.0  # typical stretches that one may count for: from an unstable state all models run away
-_FEWEST_FAR = 3  # stretches that err by more than that, from which they count in full
+_FEWEST_FAR = 3  # stretches that err by more than that, from which they may count in full
+_LITTLE_LOST = 0.1  # of what those gain
 _ROUNDING = 1e-12  # of the largest channel's error
 _FARTHEST = 16.0  # square of a step in standard deviations that leaving blocks out may take
 
@@ -139,34 +140,22 @@ def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
 def weight_of(was: FloatArray, now: FloatArray) -> Weight:
     """Of squared errors of stretches, (stretches, channels), without and with an effect.
 
-    Those that run away count no more than some, unless there are a few that all fall by half: so
-    errs a system that meets a floor now and then.
+    Those that run away count no more than some; see `_cap` for those that count in full.
     """
     if not np.all(np.isfinite(now)):
         return Weight(-1.0, -1.0, -1.0)
     was, now = _summed(was, now)
-    cap = _cap(was)
-    usual = _removed(was, now, cap)
-    far = was > cap
-    if usual.matters or far.sum() < _FEWEST_FAR or np.any(now[far] > 0.5 * was[far]):
-        return usual
-    all_of_it = _removed(was, now, np.inf)
-    return all_of_it if all_of_it.low > 0.0 else usual
+    return _removed(was, now, _cap(was, now))
 
 
 def share_of_gap(begun: FloatArray, before: FloatArray, after: FloatArray) -> float:
     """By how much squared errors fall, of those that there were at first.
 
-    Whether those that run away count in full or not, whichever is more.
+    All are counted as they are from first to last.
     """
-    shares = []
-    for capped in (True, False):
-        removed = []
-        for now in (before, after):
-            was, least = _summed(begun, now)
-            removed.append(_removed(was, least, _cap(was) if capped else np.inf).share)
-        shares.append(removed[1] - removed[0])
-    return float(np.nanmax(shares))
+    was, last = _summed(begun, after)
+    cap = _cap(was, last)
+    return _removed(was, last, cap).share - _removed(was, _summed(begun, before)[1], cap).share
 
 
 def _summed(was: FloatArray, now: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -176,8 +165,18 @@ def _summed(was: FloatArray, now: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(was @ weights), np.asarray(now @ weights)
 
 
-def _cap(was: FloatArray) -> float:
-    return _CAP * float(np.median(was)) or np.inf
+def _cap(was: FloatArray, now: FloatArray) -> float:
+    """For how much a stretch counts at most: from an unstable state all models run away.
+
+    There is no limit where some err by far and all of these fall by half, while the others lose
+    little beside it: so errs what meets a floor now and then.
+    """
+    cap = _CAP * float(np.median(was)) or np.inf
+    far = was > cap
+    if far.sum() < _FEWEST_FAR or np.any(now[far] > 0.5 * was[far]):
+        return cap
+    gained, lost = (was[far] - now[far]).sum(), (now[~far] - was[~far]).sum()
+    return np.inf if lost < _LITTLE_LOST * gained else cap
 
 
 def _removed(was: FloatArray, now: FloatArray, cap: float) -> Weight:

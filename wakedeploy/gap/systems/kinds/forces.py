@@ -327,11 +327,11 @@ class UpperRim(ForceKind):
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """Back from beyond the limit."""
-        return np.asarray(-p["stiffness"] * _softened(at.position - p["limit"], at))
+        return np.asarray(-p["stiffness"] * _softened(at.position - p["limit"], p, at))
 
 
 class LowerRim(ForceKind):
-    """The same, at the other end."""
+    """A bottom: below a limit of a level, a strong flow acts back."""
 
     name = "lower-stop"
     phrase = "a stop at the lower end that acts on {port}"
@@ -346,7 +346,7 @@ class LowerRim(ForceKind):
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """Back from beyond the limit."""
-        return np.asarray(p["stiffness"] * _softened(p["limit"] - at.position, at))
+        return np.asarray(p["stiffness"] * _softened(p["limit"] - at.position, p, at))
 
 
 _LOSS = Parameter("loss", {"speed": -1}, neutral=2.0, low=0.0, high=20.0, starts=(2.0,), prior=3.0)
@@ -394,9 +394,13 @@ class Coupling(ForceKind):
         return np.asarray(p["coefficient"] * at.other)
 
 
-def _softened(beyond: FloatArray, at: At) -> FloatArray:
-    """What exceeds 0, its corner rounded over a hundredth of the way."""
-    round_ = 0.01 * at.sizes["range"]
+def _softened(beyond: FloatArray, p: Parameters, at: At) -> FloatArray:
+    """What exceeds 0, its corner rounded over a hundredth of the way.
+
+    Over less if that much would bear more than the usual force: it would be felt from afar.
+    """
+    stiffness = np.maximum(p["stiffness"], 1e-300)
+    round_ = np.minimum(0.01 * at.sizes["range"], at.sizes["force"] / stiffness)
     return np.asarray(0.5 * (beyond + np.sqrt(beyond**2 + round_**2)))
 
 

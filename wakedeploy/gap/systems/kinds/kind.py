@@ -86,8 +86,9 @@ class Kind:
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     own_states: ClassVar[int] = 0
-    # Of a port: "position", "height", "inertia", "angle"; of the logs: "turning" is a sign that
-    # changes, "still" one that does or that comes near 0. Without, the kind is another's double.
+    # Of a port: "position", "height", "inertia", "angle", "moving" where its state is the speed of
+    # its position, "level" where it is not. Of the logs: "turning" is a sign that changes, "still"
+    # one that does or that comes near 0. Without, the kind is another's double.
     needs: ClassVar[tuple[str, ...]] = ()
 
 

@@ -125,13 +125,20 @@ def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, flo
     near = sizes.get(f"least {port.name}", 0.0) <= _STILL * sizes.get(port.name, 1.0)
     angle = bool(port.position) and system.states[port.position] in _ANGLES
     there = {"position": bool(port.position), "height": bool(port.height), "angle": angle}
-    level = port.position == port.name
-    there |= {"level": level, "moving": not level}
+    moving = _moves(system, port)
+    there |= {"level": not moving, "moving": moving}
     there |= {"inertia": bool(port.inertia), "other": True}
     there |= {"turning": turns, "still": turns or near}
     if port.role == "constant" and kind.name == "scale":  # one that is free already has any size
         return system.constant(port.name).spread != float("inf")
     return all(there[need] for need in kind.needs)
+
+
+def _moves(system: System, port: Port) -> bool:
+    """Whether a port's state is the speed of its position; of a discrete system, as it is said."""
+    if system.has_step:
+        return port.position != port.name
+    return system.kinematic().get(port.position) == port.name
 
 
 def _others(system: System, port: Port, kind: Kind) -> tuple[str, ...]:
