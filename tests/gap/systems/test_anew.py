@@ -125,6 +125,15 @@ def test_what_was_found_for_another_port_is_found_again(tmp_path):
     assert len(keys) == len(at_slope)
 
 
+def test_what_was_found_with_other_bounds_or_priors_is_found_again(tmp_path):
+    """As another version of the library has them, under the same names."""
+    model = LogModel(Belt(), [driven(4.0)])
+    (lag,) = model.effects[LAG]
+    before = OwnFolder(model, tmp_path).key
+    model.effects = {**model.effects, LAG: (replace(lag, prior_sd=2.0 * lag.prior_sd),)}
+    assert OwnFolder(model, tmp_path).key != before
+
+
 def test_what_was_found_for_another_system_is_found_again(tmp_path):
     """Whatever a user changes in the file: statements, functions, an effect of the user's own."""
     log = driven(4.0)

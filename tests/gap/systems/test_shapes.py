@@ -129,6 +129,26 @@ def test_a_state_that_another_moves_is_no_speed_of_it():
     assert not any(name.endswith(".loss") for name in names)
 
 
+def test_a_stop_of_a_discrete_system_takes_speed_away_too():
+    class Stepped(System):
+        rate_hz = RATE
+        inputs: ClassVar = Carriage.inputs
+        states: ClassVar = Carriage.states
+        outputs: ClassVar = Carriage.outputs
+        constants: ClassVar = Carriage.constants
+        ports: ClassVar = [Port.force("speed_mps", inertia="mass_kg", position="position_m")]
+
+        def step(self, state, inputs, c):
+            pull = inputs.force_n - c.drag_nspm * state.speed_mps
+            return {
+                "position_m": state.position_m + state.speed_mps / RATE,
+                "speed_mps": state.speed_mps + pull / c.mass_kg / RATE,
+            }
+
+    model = LogModel(Stepped(), [recorded(lambda x, v: 0.0)])
+    assert any(f.name == "lower-stop@speed_mps.loss" for f in model.free(("lower-stop@speed_mps",)))
+
+
 def test_what_ends_a_level_takes_no_speed_away():
     """A rim acts on the level itself: nothing there has a speed."""
 
