@@ -51,7 +51,7 @@ def told_of(joint: str, out: Path) -> dict[str, Any]:
     model = LogModel(system, trained)
     base = fitted_base(model)
     answer = named(model, base)
-    document = answer_of(model, answer)
+    document = answer_of(answer)
     answer_json = document.as_json()
     correction = out / f"{joint}.toml"
     write_correction(correction_of(model, answer.found), correction)

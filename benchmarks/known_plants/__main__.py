@@ -35,7 +35,7 @@ def answered(case: Case) -> Row:
     base = fitted_base(model)
     naming = named(model, base)
     seconds = time.process_time() - began_s
-    document = answer_of(model, naming)
+    document = answer_of(naming)
     names = [e.name for e in document.effects]
     answer = {"verdict": document.verdict, "named": names, "class": document.rivals}
     leading = document.rounds[0].ranking[:3] if document.rounds else []
@@ -48,7 +48,7 @@ def answered(case: Case) -> Row:
             e.model_dump(include={"name", "gain_nats", "interval", "judged", "forecast"})
             for e in leading
         ],
-        "removed": before_after(model, naming.base, naming.found).removed.model_dump(),
+        "removed": before_after(naming.model, naming.base, naming.found).removed.model_dump(),
         "seconds": seconds,
     }
 

@@ -21,7 +21,7 @@ from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.search.artefacts import Ranked
 from wakedeploy.gap.search.comparison import errors
-from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.judging import Named, fitted_base, named
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
@@ -38,13 +38,14 @@ def answer(case: Case, part: str) -> dict[str, Any]:
     model = LogModel(system_of(case, part), recordings_of(case, part))
     base = fitted_base(model)
     naming = named(model, base)
-    document = answer_of(model, naming)
+    document = answer_of(naming)
     plain = document.as_json()
     kept = {key: plain[key] for key in ("verdict", "class", "effects", "unsettled")}
     return kept | {
         "threshold_nats": document.threshold_nats,
         "leading": [_leading(ranked) for ranked in document.rounds[0].ranking[:LEADING]],
-        "errors": _errors(model, base, naming.found),
+        "far_ahead": naming.is_far_ahead,
+        "errors": _errors(model, base, naming),
         "samples": sum(log.outputs.shape[1] for log in model.logs),
         "rate_hz": model.system.rate_hz,
         "forecast_s": model.horizon * model.dt_s,
@@ -123,13 +124,14 @@ def recordings_folder() -> Path:
     return Path(os.environ.get("WAKEDEPLOY_DATA") or ROOT.parent / "shared" / "data")
 
 
-def _errors(model: LogModel, base: Fit, found: Fit) -> dict[str, dict[str, Any]]:
+def _errors(model: LogModel, base: Fit, naming: Named) -> dict[str, dict[str, Any]]:
     """Forecast errors on sealed blocks: constants as stated, fitted, and with what was found."""
     sealed: Sequence[int] = model.sealed()
     constant = np.array([f.name.startswith("constant.") for f in base.free])
     neutral = np.array([f.neutral for f in base.free])
     stated = replace(base, theta=np.where(constant, neutral, base.theta))
-    each = [errors(model, fitted, sealed) for fitted in (stated, base, found)]
+    each = [errors(model, fitted, sealed) for fitted in (stated, base)]
+    each.append(errors(naming.model, naming.found, sealed))
     return {
         name: {"stated": each[0][k], "fitted": each[1][k], "found": each[2][k], "unit": unit}
         for k, (name, unit) in enumerate(model.channels)

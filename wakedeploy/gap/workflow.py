@@ -15,7 +15,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.inference import Fit, slopes_at
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, Result, joined, read
-from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.comparison import Comparison, far_ahead
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of, before_after, found_in
 
@@ -61,8 +61,8 @@ def concluded(model: Comparison, progress: Progress = quiet) -> Result:
     base = fitted_base(model)
     found = found_in(model, base)
     outcome = named(model, base, progress)
-    shown = before_after(model, outcome.base, outcome.found)
-    return joined(found, answer_of(model, outcome), shown)
+    shown = before_after(outcome.model, outcome.base, outcome.found)
+    return joined(found, answer_of(outcome), shown)
 
 
 class Folder:
@@ -95,40 +95,46 @@ class Folder:
         if known is not None:
             return known
         outcome = named(self.model, self.base(), self.progress)
-        answer = answer_of(self.model, outcome, self.key)
+        answer = answer_of(outcome, self.key)
         answer.write(path)
         return answer
 
     def show(self) -> Result:
         """The gap before and after, with all that was told before it: domain.json."""
         self.progress("forecasting what was sealed")
-        base = self._fit("name.json", (), self.name().base_theta)
-        shown = before_after(self.model, base, self.found(), self.key, self.forecast_s)
+        model, found = self.found()
+        base = self._fit(model, "name.json", (), self.name().base_theta)
+        shown = before_after(model, base, found, self.key, self.forecast_s)
         result = joined(self.find(), self.name(), shown)
         result.write(self.out / "domain.json")
         return result
 
     def base(self) -> Fit:
         """The system as it is, fitted by `find`."""
-        return self._fit("find.json", (), self.find().theta)
+        return self._fit(self.model, "find.json", (), self.find().theta)
 
-    def found(self) -> Fit:
-        """The system with what `name` found."""
+    def found(self) -> tuple[Comparison, Fit]:
+        """The system as `name` asked it, and its fit with what was found."""
         answer = self.name()
-        return self._fit("name.json", [e.name for e in answer.effects], answer.found_theta)
+        view = far_ahead(self.model) if answer.is_far_ahead else None
+        model = self.model if view is None else view
+        effects = [e.name for e in answer.effects]
+        return model, self._fit(model, "name.json", effects, answer.found_theta)
 
-    def _fit(self, file: str, effects: Sequence[str], values: Mapping[str, float]) -> Fit:
+    def _fit(
+        self, model: Comparison, file: str, effects: Sequence[str], values: Mapping[str, float]
+    ) -> Fit:
         """The fit whose parameters a file has; UnusableInput where it has not all of them."""
-        sealed = self.model.sealed()
-        used = [e for e in range(self.model.episodes) if e not in sealed]
-        known = set(effects) <= set(self.model.effects)
+        sealed = model.sealed()
+        used = [e for e in range(model.episodes) if e not in sealed]
+        known = set(effects) <= set(model.effects)
         hypothesis = tuple(effects) if known else ()
-        free = self.model.free(hypothesis)
+        free = model.free(hypothesis)
         if not known or any(not math.isfinite(values.get(f.name, math.nan)) for f in free):
             raise UnusableInput(
                 f"{self.out / file}: not the parameters of its fit; delete it to run the step anew."
             )
         theta = np.array([values[f.name] for f in free])
-        slopes = slopes_at(self.model, hypothesis, used, theta)
+        slopes = slopes_at(model, hypothesis, used, theta)
         density = np.array([s.log_density.sum() for s in slopes.scores])
         return Fit(hypothesis, free, tuple(used), theta, slopes, density)

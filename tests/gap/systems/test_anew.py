@@ -99,7 +99,7 @@ def test_the_gap_before_is_that_of_the_base_from_which_effects_were_found(tmp_pa
         moved = np.array([0.1 if f.name == "constant.gain" else 0.0 for f in base.free])
         found.append(fit(model, (), base.episodes, base.theta + moved))
         found[-1] = replace(found[-1], theta=base.theta + moved)
-        return Named(found[-1], found[-1], [])
+        return Named(model, found[-1], found[-1], [])
 
     found: list = []
     monkeypatch.setattr(workflow, "named", better)

@@ -95,7 +95,7 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     law = left["law"]  # over the speed or its direction, as friction is
     assert law["by_direction"] or law["coordinate"] == "speed_mps"
     assert law["low"] > 0.5
-    lines = sentences(answer_of(rubbing, told))
+    lines = sentences(answer_of(told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]
 
@@ -158,7 +158,7 @@ def test_a_disturbance_that_follows_nothing_is_no_missing_effect(gusts_mps2, ver
     assert left["sd"] == pytest.approx(gusts_mps2, rel=0.5)
     assert left["matters"] == (verdict == "unknown")
     assert left["law"] is None
-    assert any("a disturbance acts so" in line for line in sentences(answer_of(model, told)))
+    assert any("a disturbance acts so" in line for line in sentences(answer_of(told)))
 
 
 @pytest.mark.parametrize(
@@ -207,7 +207,7 @@ def test_what_makes_forecasts_of_sealed_episodes_worse_is_withdrawn():
     assert (verdict_of(told), told.found.hypothesis) == ("unknown", ())
     (judged,) = [e["judged"] for e in told.rounds[0]["ranking"] if e["name"] == "dead-time@force_n"]
     assert judged == UNSEEN_WORSE
-    assert any(UNSEEN_WORSE in line for line in sentences(answer_of(model, told)))
+    assert any(UNSEEN_WORSE in line for line in sentences(answer_of(told)))
 
 
 def test_blocks_that_all_gain_are_steady_however_much_their_gains_differ():
@@ -261,7 +261,7 @@ def test_a_constant_far_from_what_was_stated_is_doubted_first(mass_kg, last):
     speed = np.concatenate([[0.0], np.cumsum(pushed[:-1]) / mass_kg / RATE])
     columns = {"force_n": force, "speed_mps": speed + 2e-3 * rng.standard_normal(len(force))}
     model = LogModel(Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
-    answer = answer_of(model, named(model, fitted_base(model)))
+    answer = answer_of(named(model, fitted_base(model)))
     assert answer.moved["mass_kg"] > 5.0
     lines = sentences(answer)
     assert "moved mass_kg by" in lines[0]
@@ -352,7 +352,7 @@ def test_effects_are_begun_anew_where_something_remains(
 ):
     """Also under "nothing is missing": a push, or an effect that is evident."""
     base, asked = fitted_base(rubbing), []
-    outcome = Named(base, base, rounds, leftover=leftover_of)
+    outcome = Named(None, base, base, rounds, leftover=leftover_of)
     monkeypatch.setattr(judging, "_searched", lambda *args: outcome)
     monkeypatch.setattr(judging, "is_outdone", lambda *args: False)
     monkeypatch.setattr(judging, "begun_anew", lambda *args: asked.append(args) or {})
@@ -390,7 +390,9 @@ def test_a_class_is_narrowed_by_its_own_members_only(monkeypatch, rival, left):
     for stub in ("parameters", "least_squares", "errors"):
         monkeypatch.setattr(judging, stub, lambda *given: {})
     fitted = SimpleNamespace(hypothesis=("a", "b"))
-    outcome = Named(None, None, [{"threshold_nats": 1.0, "ranking": []}], rivals=("a", "b", "c"))
+    outcome = Named(
+        None, None, None, [{"threshold_nats": 1.0, "ranking": []}], rivals=("a", "b", "c")
+    )
     best = [
         Verdict(Candidate("b", fitted, np.ones(4)), ACCEPTED, Weight(0.5, 0.4, 0.6)),
         Verdict(Candidate(rival, fitted, np.ones(4)), HARDLY),

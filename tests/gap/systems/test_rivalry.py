@@ -72,7 +72,7 @@ def test_a_simpler_kind_that_is_turned_down_takes_no_candidate_with_it(
     }
     for part, fake in fakes.items():
         monkeypatch.setattr(judging, part, fake)
-    outcome = Named(None, None, [], alone=(finer.candidate,))
+    outcome = Named(None, None, None, [], alone=(finer.candidate,))
     assert judging._round(SimpleNamespace(), outcome, lambda *_: None) == named
 
 
@@ -174,7 +174,7 @@ def test_nothing_is_named_on_a_model_that_forecasts_worse_than_none():
     told = named(model, fitted_base(model))
     assert told.is_outdone
     assert (verdict_of(told), told.found.hypothesis) == ("unknown", ())
-    assert "no better than its outputs' last readings" in sentences(answer_of(model, told))[0]
+    assert "no better than its outputs' last readings" in sentences(answer_of(told))[0]
 
 
 class Fan(System):

@@ -7,7 +7,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
+from wakedeploy.gap.systems.sensitivity import checked_base, rows
 
 
 class Rail(System):
@@ -42,18 +42,6 @@ def test_no_effect_moves_outputs_by_more_than_they_could_move(model):
     """All samples off by the whole range are 400 times 0.5 m over the noise, together."""
     told = {row.name: row for row in rows(model, checked_base(model))}
     assert told["sensor-saturation@position_m"].moved < 1e9
-
-
-@pytest.mark.parametrize(("step_m", "is_told"), [(0.01, True), (1e-6, False)])
-def test_readings_that_repeat_are_told_with_what_to_try(step_m, is_told):
-    """Forecasts of such a log go over 25 of its samples: four to a reading leave six."""
-    time_s = np.arange(1600) / 100.0
-    position = 0.25 * (1.0 - np.cos(2.0 * time_s))
-    columns = {"force_n": np.cos(2.0 * time_s), "position_m": step_m * np.round(position / step_m)}
-    notes = " ".join(column_notes(LogModel(Rail(), [Recording("made", time_s, columns)])))
-    assert ("of its readings are the one before" in notes) == is_told
-    if is_told:
-        assert "`rate_hz = 25` with `steps = 4`" in notes
 
 
 @pytest.mark.parametrize(

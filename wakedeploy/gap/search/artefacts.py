@@ -313,6 +313,7 @@ class Answer(Artefact):
     `rivals` are the effects that cannot be told apart, `parameters` those of all that was named.
     `moved` are constants that the fit has moved by more than three of their spreads, and by how
     many. With `is_outdone` the system's forecasts are no better than the last reading or the mean.
+    With `is_far_ahead` it was asked to predict far ahead, as the next reading told too little.
     """
 
     verdict: Verdict
@@ -329,6 +330,7 @@ class Answer(Artefact):
     sealed_gain_nats: Number
     placebo: Placebo | None = None
     is_outdone: bool = False
+    is_far_ahead: bool = False
     found_theta: dict[str, Number] = {}
     base_theta: dict[str, Number] = {}
 

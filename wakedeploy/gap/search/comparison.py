@@ -4,7 +4,7 @@ A `Comparison` is a `Model` (parameters, likelihood) that also says what its cha
 coordinates are, which episodes are sealed, and what it predicts wrongly on them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,6 +21,12 @@ def searched_on(model: "Comparison") -> "Comparison":
     thinned = getattr(model, "thinned", None)
     part: Comparison = model if thinned is None else thinned()
     return part
+
+
+def far_ahead(model: "Comparison") -> "Comparison | None":
+    """The model asked to predict far ahead rather than the next reading, if it can be."""
+    view: Callable[[], Comparison] | None = getattr(model, "far_ahead", None)
+    return view() if callable(view) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.anew import begun_anew, bettered
 from wakedeploy.gap.search.beginnings import beginning
-from wakedeploy.gap.search.comparison import Comparison, errors, searched_on
+from wakedeploy.gap.search.comparison import Comparison, errors, far_ahead, searched_on
 from wakedeploy.gap.search.extent import is_steady, profiled
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
 from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, simpler
@@ -41,6 +41,7 @@ from wakedeploy.gap.search.weighing import (
     helps,
     is_outdone,
     share_of_gap,
+    stretches,
     weight_of,
 )
 
@@ -61,12 +62,14 @@ ACCEPTED = "accepted"
 class Named:
     """What was named: fits without and with it, rounds as JSON has them, and rivals of a class.
 
+    The fits are of `model`: the one that was asked, or that one asked far ahead.
     `weights` say how much each effect improves forecasts of the blocks that it was found on,
     cross-fitted; `leftover` is what still acts and is not explained. Of a system whose forecasts
     are no better than those that ask no model (`is_outdone`) nothing is named, unless it surely
     removes most of the error: where little moves, the last reading is hard to outdo.
     """
 
+    model: Comparison
     base: Fit
     found: Fit
     rounds: list[dict[str, Any]]
@@ -76,6 +79,7 @@ class Named:
     leftover: tuple[dict[str, Any], ...] = ()
     alone: tuple[Candidate, ...] = ()  # every effect without any other
     is_outdone: bool = False
+    is_far_ahead: bool = False
 
 
 def fitted_base(model: Comparison) -> Fit:
@@ -98,18 +102,31 @@ def fitted_base(model: Comparison) -> Fit:
 def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     """Effects one after another, as long as one is evident and matters.
 
-    Long recordings are searched in part; sizes and sealed episodes are those of all. Where the
-    answer explains too little, the effects are begun anew. What that names takes the place of an
-    unknown, and of names only if its forecasts are surely better.
+    Long recordings are searched in part; sizes and sealed episodes are those of all. The model is
+    asked for the next reading; where the answer explains too little, it is asked far ahead, too.
+    What that names takes the place of an unknown, and of names only if its forecasts are surely
+    better; those of sealed episodes may not get worse.
     """
+    outcome = _named(model, base, progress)
+    far = None if _is_whole(outcome) else far_ahead(model)
+    if far is None:
+        return outcome
+    progress("asking far ahead")
+    again = replace(_named(far, fitted_base(far), progress), is_far_ahead=True)
+    if not _replaces(outcome, again):
+        return outcome
+    was, now = (_unseen(n) for n in (outcome, again))
+    return again if weight_of(was, now).share > 0.0 else outcome
+
+
+def _named(model: Comparison, base: Fit, progress: Progress) -> Named:
+    """What one way of asking names; where that explains too little, the effects are begun anew."""
     part = searched_on(model)
     begun = base
     if part is not model:
         begun = settled(part, fit(part, (), base.episodes, base.theta))[0]
-    outcome = _searched(model, base, Named(begun, begun, []), progress)
-    is_unknown = verdict_of(outcome) == "unknown"
-    is_whole = not (is_unknown or outcome.leftover or _evident_yet_unnamed(outcome))
-    if is_whole and not is_outdone(model, outcome.found):
+    outcome = _searched(model, base, Named(model, begun, begun, []), progress)
+    if _is_whole(outcome):
         return outcome
     stage = "beginning effects anew"
     anew = begun_anew(part, begun, list(part.effects), functools.partial(progress, stage))
@@ -118,11 +135,30 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     better = bettered(part, begun, anew.values())
     if better is not begun:
         base = better if part is model else bettered(model, base, [better])
-    again = _searched(model, base, Named(better, better, []), progress, anew)
+    again = _searched(model, base, Named(model, better, better, []), progress, anew)
+    return again if _replaces(outcome, again) else outcome
+
+
+def _is_whole(outcome: Named) -> bool:
+    """Whether nothing hints at more than an answer says."""
+    is_open = verdict_of(outcome) == "unknown" or _evident_yet_unnamed(outcome)
+    return not (is_open or outcome.leftover or is_outdone(outcome.model, outcome.found))
+
+
+def _replaces(outcome: Named, again: Named) -> bool:
+    """Whether a second answer names something: more than an unknown, or what surely does better."""
     if verdict_of(again) not in ("named", "class"):
-        return outcome
-    gained = weight_of(crossed(model, outcome.found), crossed(model, again.found))
-    return again if is_unknown or gained.low > 0.0 else outcome
+        return False
+    if verdict_of(outcome) == "unknown":
+        return True
+    was, now = (crossed(n.model, n.found) for n in (outcome, again))
+    return weight_of(was, now).low > 0.0
+
+
+def _unseen(outcome: Named) -> FloatArray:
+    """Squared forecast errors of sealed stretches, (stretches, channels)."""
+    model = outcome.model
+    return stretches(model, model.disagreements(outcome.found, model.sealed()))
 
 
 def _searched(

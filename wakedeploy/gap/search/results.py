@@ -54,8 +54,9 @@ def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
     )
 
 
-def answer_of(model: Comparison, outcome: Named, key: str = "") -> Answer:
+def answer_of(outcome: Named, key: str = "") -> Answer:
     """Which effects, and how large they are."""
+    model = outcome.model
     rounds = [Round.model_validate(searched) for searched in outcome.rounds]
     sizes = _sizes(model, outcome.found, rounds)
     return Answer(
@@ -75,6 +76,7 @@ def answer_of(model: Comparison, outcome: Named, key: str = "") -> Answer:
         sealed_gain_nats=_sealed_gain(model, outcome.base, outcome.found),
         placebo=_placebo(model, outcome),
         is_outdone=outcome.is_outdone,
+        is_far_ahead=outcome.is_far_ahead,
         found_theta=theta_of(outcome.found),
         base_theta=theta_of(outcome.base),
     )

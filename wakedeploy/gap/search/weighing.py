@@ -42,7 +42,7 @@ class Weight:
 
 def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> Weight:
     """On blocks that neither fit has seen."""
-    was, now = (_stretches(model, model.disagreements(f, episodes)) for f in (before, after))
+    was, now = (stretches(model, model.disagreements(f, episodes)) for f in (before, after))
     return weight_of(was, now)
 
 
@@ -90,7 +90,7 @@ def crossed(model: Comparison, fitted: Fit) -> FloatArray:
         errors = at_once(
             fitted, thetas, np.repeat(np.arange(len(folds)), [len(f) for f in folds]).tolist()
         )
-    return _stretches(model, errors)
+    return stretches(model, errors)
 
 
 def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
@@ -120,15 +120,15 @@ def is_outdone(model: Comparison, fitted: Fit) -> bool:
     if asked is None:
         return False
     sealed = model.sealed()
-    unseen = _stretches(model, model.disagreements(fitted, sealed))
+    unseen = stretches(model, model.disagreements(fitted, sealed))
     modelled = np.concatenate([crossed(model, fitted), unseen])
-    asked_all = np.array([_stretches(model, each) for each in asked([*fitted.episodes, *sealed])])
+    asked_all = np.array([stretches(model, each) for each in asked([*fitted.episodes, *sealed])])
     best = np.argmin(asked_all.sum(1), axis=0)  # of each channel
     simple = np.take_along_axis(asked_all, best[None, None], axis=0)[0]
     return weight_of(simple, modelled).share <= 0.0
 
 
-def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
+def stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
     """Sums of squares over stretches of a few horizons, (stretches, channels)."""
     sums = []
     for block in errors:

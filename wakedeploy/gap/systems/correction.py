@@ -80,7 +80,7 @@ class Correction:
 
 def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
     """What a fit says, without its noise."""
-    values = model.values(fitted.hypothesis, fitted.theta)
+    values = dict(zip(fitted.names, map(float, fitted.theta), strict=True))
     document = Document(
         version=VERSION,
         system=model.system.name,

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from wakedeploy.gap.evidence.inference import LOST_NATS, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
@@ -69,6 +70,8 @@ class Noise:
     def of(cls, system: System, driven: Sequence[str], values: Mapping[str, FloatArray]) -> "Noise":
         """From parameters by name, (1, L) each: of one of the model's steps.
 
+        Nothing lasts where no parameter says so.
+
         White noise is stated by the sd of its mean over a sample; that over a step is larger.
         """
         lanes = next(iter(values.values())).shape[1]
@@ -77,7 +80,9 @@ class Noise:
             found = [np.exp(values[f"{prefix}.{n}"][0]) for n in driven]
             return np.array(found).reshape(len(driven), lanes)
 
-        lasting, keep = rows("push"), np.exp(-system.step_s / rows("lasting"))
+        lasting = keep = np.zeros((len(driven), lanes))
+        if all(f"push.{n}" in values for n in driven):
+            lasting, keep = rows("push"), np.exp(-system.step_s / rows("lasting"))
         sensor = np.array([np.exp(2 * values[f"noise.{o.name}"][0]) for o in system.outputs])
         fresh = lasting * np.sqrt(1.0 - keep**2)
         return cls(sensor, system.steps**0.5 * rows("force"), lasting, keep, fresh)
@@ -119,6 +124,7 @@ class Filter:
     ) -> None:
         self.logs, self.blocks, self.starts = logs, blocks, starts
         self.driven, self.outliers = tuple(driven), outliers
+        self.apart = 1.0  # samples between readings that are scored
         self._offset = np.cumsum([0, *(log.outputs.shape[1] for log in logs)])
         self._inputs = np.concatenate([log.inputs for log in logs], axis=1)
         self._driving = np.concatenate([log.driving for log in logs], axis=1)
@@ -159,6 +165,7 @@ class Filter:
         points = np.empty((k, k + 1, lanes))
         times = np.tile(pieces.sample * dt_s, count)
         measured = np.where(pieces.valid[:, None], np.moveaxis(logged[:, at], 0, 1), np.nan)
+        measured[self._passed_over(measured, pieces)] = np.nan
         measured = np.tile(measured, (1, 1, count))
         for t, here in enumerate(at):
             time_s = times[t][None, :]
@@ -288,6 +295,20 @@ class Filter:
             for _ in range(finer):
                 stepping.on(x, p, *given, step_s=step_s / finer)
         return acting.readings(x[:, None, :], *given)[:, 0]
+
+    def _passed_over(self, measured: FloatArray, pieces: Pieces) -> npt.NDArray[np.bool_]:
+        """Which readings (T, m, S) are not looked at: all but a channel's first of each stretch.
+
+        Before a piece is scored all are, so that its filter has settled.
+        """
+        stretch = np.floor(np.arange(len(measured)) / self.apart)
+        begins = np.maximum.accumulate(
+            np.where(np.diff(stretch, prepend=-1.0) > 0.0, np.arange(len(stretch)), 0)
+        )
+        known = np.isfinite(measured)
+        count = np.cumsum(known, axis=0)
+        before = (count - known)[begins]
+        return np.asarray(known & pieces.scored[:, None] & (count - before > 1))
 
     def _columns(self, acting: Acting, values: Mapping[str, FloatArray]) -> list[FloatArray]:
         """Every input as it reaches the system in each of the model's steps, (K, N · steps)."""

@@ -3,9 +3,11 @@
 In: a `LogModel` and a fit. Out: for each driven rate the lasting push that the filter has to
 assume, if it is no small share of the rate; the law that it seems to follow, and what forecasts
 would gain by that law. A law is any function of one coordinate, straight between knots, or of one
-coordinate and the direction of motion. What follows no such law acts as a disturbance does.
+coordinate and the direction of motion. What follows no such law acts as a disturbance does. Laws
+are looked for far ahead: of the next reading a push that drifts tells as much.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -87,14 +89,19 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
             small.append(push)
     if not large and not small:
         return ()
-    part = model.thinned()
-    if part is not model:
-        again = fit(part, fitted.hypothesis, fitted.episodes, fitted.theta)
-        fitted = settled(part, again)[0]
-    pushes = [_asked(part, fitted, push) for push in large]
-    lawful = (_asked(part, fitted, push) for push in small)
+    far, fitted_far = _far_ahead(model, fitted)
+    pushes = [_asked(far, fitted_far, push) for push in large]
+    lawful = (_asked(far, fitted_far, push) for push in small)
     pushes += [push for push in lawful if _is_gained_by(push)]
     return tuple(sorted(pushes, key=lambda push: -push.share))
+
+
+def _far_ahead(model: "LogModel", fitted: Fit) -> tuple["LogModel", Fit]:
+    """The model and its fit, asked far ahead: there no push takes a law's place."""
+    far = model.thinned().far_ahead()
+    known = dict(zip(fitted.names, fitted.theta, strict=True))
+    start = np.array([known[f.name] for f in far.free(fitted.hypothesis)])
+    return far, settled(far, fit(far, fitted.hypothesis, fitted.episodes, start))[0]
 
 
 def _is_gained_by(push: Leftover) -> bool:
@@ -156,14 +163,18 @@ def _laws(model: "LogModel", push: Leftover) -> dict[str, Effect]:
 def _law(
     model: "LogModel", push: Leftover, coordinate: str, knots: FloatArray, by_direction: bool
 ) -> Effect:
-    """An effect on a state's rate that is any function of a coordinate, straight between knots."""
+    """An effect on a state's rate that is any function of a coordinate, straight between knots.
+
+    Its parameters are the height at the first knot and what each further one adds: where logs say
+    nothing, a law goes on as beside it.
+    """
     per_step = 1.0 / model.system.rate_hz if model.system.has_step else 1.0
-    names = [f"at_{k}" for k in range(len(knots))]
+    names = ["first", *(f"added_{k}" for k in range(1, len(knots)))]
     turns = _TURNS * model.sizes[push.state]
 
     def acting(time_s: Any, state: Any, inputs: Any, p: Any) -> Mapping[str, Any]:
         of = state if coordinate in model.system.states else inputs
-        heights = [getattr(p, name) for name in names]
+        heights = list(itertools.accumulate(getattr(p, name) for name in names))
         total = _straight(getattr(of, coordinate), knots, heights)
         if by_direction:
             total = total * np.tanh(getattr(state, push.state) / turns)
@@ -172,8 +183,9 @@ def _law(
     size = model.sizes[f"d {push.state}"]
     kind = _BY_DIRECTION if by_direction else "law"
     name = f"{kind}-over-{coordinate}@{push.state}"
-    port = Port.custom(kind, acting, dict.fromkeys(names, (push.unit, size)))
-    sizes = {f"own {name}": size for name in names}
+    each = [size, *(len(names) - 1) * [size / len(names)]]  # smooth, unless logs say otherwise
+    port = Port.custom(kind, acting, {n: (push.unit, s) for n, s in zip(names, each, strict=True)})
+    sizes = {f"own {n}": s for n, s in zip(names, each, strict=True)}
     scales = Scales(sizes, dict.fromkeys(sizes, push.unit))
     return Effect(name, custom_kind(port), port, scales, coordinate)
 

@@ -33,6 +33,7 @@ _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
 _ENDS = 0.995  # the same of the way: one reading that strays is no end of it
 _SMOOTHED = 11  # samples, for a first guess of speeds
+_READINGS = 6  # of a forecast, where few are looked at
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _LN_SD = 2.0
 # ln sd by which a sensor may be better than stated, or than guessed: a filter that trusts a sensor
@@ -67,6 +68,7 @@ class LogModel:
         share = system.outlier_share if outliers is None else outliers
         self.filter = Filter(self.logs, self.blocks, self._starts, self.driven, share)
         self.records = [self._record(b) for b in self.blocks]
+        self.is_pushed = True  # whether pushes that last are free in every hypothesis
         self.horizon = self._horizon()  # samples over which a forecast goes
 
     @property
@@ -88,6 +90,19 @@ class LogModel:
         part.filter.blocks = part.blocks
         part.records = [part._record(b) for b in part.blocks]
         return part
+
+    def far_ahead(self) -> "LogModel":
+        """The same, asked to predict far ahead: few readings a forecast, and no push that lasts.
+
+        Of the next reading, a push that drifts tells as much as a law does, the more so where
+        readings repeat; but what is fitted to such predictions may err after a forecast's length.
+        """
+        view = copy.copy(self)
+        view.filter = copy.copy(self.filter)
+        view.filter.apart = max(self.horizon / _READINGS, 1.0)
+        view.is_pushed = False
+        view.__dict__.pop("_nuisances", None)
+        return view
 
     def _horizon(self) -> int:
         if self.system.forecast_s is not None:
@@ -166,7 +181,9 @@ class LogModel:
         return groups + [[n] for n in names if self.library[n].own_states]
 
     def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
-        """What still acts and is explained by nothing, as JSON has it."""
+        """What still acts and is explained by nothing, as JSON has it; far ahead nothing is."""
+        if not self.is_pushed:
+            return ()
         return tuple(asdict(push) for push in leftovers(self, fitted))
 
     def with_effects(self, effects: Mapping[str, Effect]) -> "LogModel":
@@ -253,7 +270,8 @@ class LogModel:
             unit = f"{self.system.states[name]}/s"
             bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
             parameters.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
-            parameters += self._lasting(name, unit, rate)
+            if self.is_pushed:
+                parameters += self._lasting(name, unit, rate)
         return parameters
 
     def _lasting(self, name: str, unit: str, rate: float) -> list[Free]:

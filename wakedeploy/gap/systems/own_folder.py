@@ -32,7 +32,7 @@ class OwnFolder(Folder):
     def add(self) -> Answer:
         """What was found as a file that the system loads."""
         answer = self.name()
-        write_correction(correction_of(self.log_model, self.found()), self.out / CORRECTION)
+        write_correction(correction_of(self.log_model, self.found()[1]), self.out / CORRECTION)
         self.exported = self.log_model.system.export(answer.as_json(), self.out)
         return answer
 

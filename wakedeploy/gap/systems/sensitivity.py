@@ -24,8 +24,6 @@ from wakedeploy.gap.wording import counted, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
 _AHEAD, _FINER, _PLACES = 10, 4, 1000  # samples on, steps for one, places that are tried
-_OFTEN, _IN_ONE = 0.3, 6  # share of readings that repeat; readings in a forecast, if fewer are used
-_EVERY = (2, 4, 5, 10, 20)  # so many for one
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
 
 
@@ -93,7 +91,6 @@ def column_notes(model: LogModel) -> list[str]:
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
         notes += _notes(f"output {shown.name}", values)
-        notes += _repeated(model, i)
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
@@ -159,30 +156,6 @@ def _notes(what: str, values: FloatArray) -> list[str]:
         if share > _STUCK and len(np.unique(values)) > 20:
             notes.append(f"{what} is at its {word}, {end:.4g}, in {share:.1%} of the samples.")
     return notes
-
-
-def _repeated(model: LogModel, output: int) -> list[str]:
-    """What to try where a reading is often the one before: a joint that sticks, a coarse encoder.
-
-    A push that drifts forecasts such readings as well as friction does, until they are so few that
-    from one to the next there is a fair part of a forecast.
-    """
-    shown, system = model.system.outputs[output].name, model.system
-    pairs = np.concatenate([np.diff(log.outputs[output]) for log in model.logs])
-    pairs = pairs[np.isfinite(pairs)]
-    share = float(np.mean(pairs == 0.0)) if len(pairs) else 0.0
-    fitting = [k for k in _EVERY if k <= model.horizon // _IN_ONE]
-    if not _OFTEN <= share < 1.0 or not fitting or system.has_step:
-        return []
-    every = fitting[-1]
-    steps = system.steps * every
-    if steps > MOST_STEPS:
-        return []
-    return [
-        f"output {shown}: {share:.0%} of its readings are the one before. Where nothing is named, "
-        f"try fewer: `rate_hz = {system.rate_hz / every:.3g}` with `steps = {steps}`. What "
-        "sticks shows better in them."
-    ]
 
 
 def _residual(moved: FloatArray, known: FloatArray, prior: FloatArray) -> FloatArray:

@@ -29,6 +29,10 @@ from wakedeploy.gap.wording import (
 
 FURTHER_LOG = "new"  # stands in commands for a log that was not searched
 _MOST_PLACES, _MOST_RANKED = 6, 5
+_FAR_AHEAD = (
+    "The system was asked to predict far ahead, from a few readings a forecast: asked for the next "
+    "reading, it told less."
+)
 _MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
 
@@ -56,7 +60,8 @@ def first_screen(result: Result) -> list[str]:
 
 def remarks(answer: Answer) -> list[str]:
     """What stands in no table: fits that were stopped, what is left, what was not named and why."""
-    return [*_unsettled(answer), *_unexplained(answer), *_rejected(answer)]
+    far = [_FAR_AHEAD] if answer.is_far_ahead else []
+    return [*far, *_unsettled(answer), *_unexplained(answer), *_rejected(answer)]
 
 
 def _found(disagreements: Disagreements) -> list[str]:
