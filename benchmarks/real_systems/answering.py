@@ -20,9 +20,10 @@ from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.search.artefacts import Ranked
-from wakedeploy.gap.search.comparison import errors
+from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.judging import Named, fitted_base, named
 from wakedeploy.gap.search.results import answer_of
+from wakedeploy.gap.search.weighing import unseen, weight_of
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import System, checked
@@ -125,13 +126,19 @@ def recordings_folder() -> Path:
 
 
 def _errors(model: LogModel, base: Fit, naming: Named) -> dict[str, dict[str, Any]]:
-    """Forecast errors on sealed blocks: constants as stated, fitted, and with what was found."""
+    """Forecast errors on sealed blocks: constants as stated, fitted, and with what was found.
+
+    Where it was found far ahead, the fit is the better of the two ways of asking.
+    """
     sealed: Sequence[int] = model.sealed()
     constant = np.array([f.name.startswith("constant.") for f in base.free])
     neutral = np.array([f.neutral for f in base.free])
     stated = replace(base, theta=np.where(constant, neutral, base.theta))
-    each = [errors(model, fitted, sealed) for fitted in (stated, base)]
-    each.append(errors(naming.model, naming.found, sealed))
+    before: tuple[Comparison, Fit] = model, base
+    found = naming.model, naming.found
+    if weight_of(unseen(*before), unseen(naming.model, naming.base)).share > 0.0:
+        before = naming.model, naming.base
+    each = [errors(*fitted, sealed) for fitted in ((model, stated), before, found)]
     return {
         name: {"stated": each[0][k], "fitted": each[1][k], "found": each[2][k], "unit": unit}
         for k, (name, unit) in enumerate(model.channels)

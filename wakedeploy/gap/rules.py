@@ -35,6 +35,8 @@ class Rules:
         surely_share: An effect that surely removes more than this share of the squared error is
             named, also where forecasts that ask no model are better than those with it.
         most_effects: More than these are not named in one answer.
+        readings_ahead: Of a forecast's readings, those that are looked at where a system is asked
+            to predict far ahead.
         fewest_flights: Episodes that a verdict is fitted to, at least; of two, each would be judged
             by one other, and their spread by one number.
     """
@@ -54,6 +56,7 @@ class Rules:
     unknown_push: float = 0.5
     surely_share: float = 0.5
     most_effects: int = 4
+    readings_ahead: int = 6
     fewest_flights: int = 3
 
 

@@ -15,7 +15,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.inference import Fit, slopes_at
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, Result, joined, read
-from wakedeploy.gap.search.comparison import Comparison, far_ahead
+from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of, before_after, found_in
 
@@ -61,7 +61,8 @@ def concluded(model: Comparison, progress: Progress = quiet) -> Result:
     base = fitted_base(model)
     found = found_in(model, base)
     outcome = named(model, base, progress)
-    shown = before_after(outcome.model, outcome.base, outcome.found)
+    near = (model, base) if outcome.is_far_ahead else None
+    shown = before_after(outcome.model, outcome.base, outcome.found, near=near)
     return joined(found, answer_of(outcome), shown)
 
 
@@ -104,7 +105,8 @@ class Folder:
         self.progress("forecasting what was sealed")
         model, found = self.found()
         base = self._fit(model, "name.json", (), self.name().base_theta)
-        shown = before_after(model, base, found, self.key, self.forecast_s)
+        near = None if model is self.model else (self.model, self.base())
+        shown = before_after(model, base, found, self.key, self.forecast_s, near)
         result = joined(self.find(), self.name(), shown)
         result.write(self.out / "domain.json")
         return result
@@ -116,7 +118,7 @@ class Folder:
     def found(self) -> tuple[Comparison, Fit]:
         """The system as `name` asked it, and its fit with what was found."""
         answer = self.name()
-        view = far_ahead(self.model) if answer.is_far_ahead else None
+        view = asked_far_ahead(self.model) if answer.is_far_ahead else None
         model = self.model if view is None else view
         effects = [e.name for e in answer.effects]
         return model, self._fit(model, "name.json", effects, answer.found_theta)

@@ -1,6 +1,5 @@
 """A model asked far ahead: few readings of a forecast are looked at, and no push lasts."""
 
-from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +11,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap import workflow
 from wakedeploy.gap.evidence.inference import neutral
+from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.search import judging
 from wakedeploy.gap.search.artefacts import Answer, read
 from wakedeploy.gap.search.judging import Named, fitted_base, named
@@ -132,35 +132,68 @@ def test_the_likelihood_is_a_kalman_filter_s_that_sees_every_fifth_reading():
     assert compared == 10  # ten are not scored, so that the filter has settled
 
 
-@pytest.mark.parametrize("verdict", ["unknown", "none", "named"])
-def test_what_explains_all_is_asked_no_further(rubbing, monkeypatch, verdict):
+@pytest.mark.parametrize(
+    ("verdict", "leftover_of", "rounds", "is_asked"),
+    [
+        ("unknown", (), [], True),
+        ("none", (), [], False),
+        ("named", (), [], False),
+        ("named", ({"matters": False},), [], True),
+        ("none", (), [{"ranking": [{"name": "a", "forecast": {"share": 0.01}}]}], True),
+    ],
+)
+def test_what_explains_all_is_asked_no_further(
+    rubbing, monkeypatch, verdict, leftover_of, rounds, is_asked
+):
     base, asked = fitted_base(rubbing), []
-    near = Named(rubbing, base, base, [])
+    near = Named(rubbing, base, base, rounds, leftover=leftover_of)
 
-    def one_way(model, base, progress):
+    def one_way(model, base, progress, **given):
         asked.append(model)
         return near
 
     monkeypatch.setattr(judging, "_named", one_way)
     monkeypatch.setattr(judging, "verdict_of", lambda outcome: verdict)
     monkeypatch.setattr(judging, "is_outdone", lambda *args: False)
-    monkeypatch.setattr(judging, "_replaces", lambda *args: False)
+    monkeypatch.setattr(judging, "unfitted", lambda *args: np.ones((9, 1)))
     assert named(rubbing, base) is near
-    assert [m.is_pushed for m in asked] == ([True, False] if verdict == "unknown" else [True])
+    assert [m.is_pushed for m in asked] == ([True, False] if is_asked else [True])
 
 
-@pytest.mark.parametrize(("before", "after", "is_taken"), [(2.0, 1.0, True), (1.0, 2.0, False)])
-def test_an_answer_far_ahead_has_to_forecast_what_was_sealed(
-    rubbing, monkeypatch, before, after, is_taken
+@pytest.mark.parametrize(
+    ("rest", "all_blocks", "sealed", "is_taken"),
+    [
+        ("unknown", 0.9, 0.9, True),
+        ("unknown", 0.9, 1.1, False),  # forecasts of what was sealed get worse
+        ("unknown", 1.1, 0.9, False),
+        ("named", 0.5, 0.9, True),
+        ("named", "unsure", 0.9, False),
+        ("unknown", "unsure", 0.9, True),
+    ],
+)
+def test_an_answer_far_ahead_has_to_forecast_better(
+    rubbing, monkeypatch, rest, all_blocks, sealed, is_taken
 ):
     base = fitted_base(rubbing)
-    near, far = (Named(rubbing, base, base, [], rivals=r) for r in ((), ("a", "b")))
-    monkeypatch.setattr(judging, "_named", lambda model, *_: far if not model.is_pushed else near)
-    monkeypatch.setattr(judging, "_is_whole", lambda outcome: False)
-    monkeypatch.setattr(judging, "_replaces", lambda *args: True)
+    near, far = (Named(rubbing, base, base, [], unsettled=u) for u in ((), ("far",)))
+    scattered = np.linspace(0.0, 1.5, 9)[:, None]  # better on average, not surely
+
+    def squares(of, level):
+        after = scattered if level == "unsure" else np.full((9, 1), level)
+        return after if of.is_pushed is False else np.ones((9, 1))
+
+    seen = rubbing.far_ahead()
+    far = Named(**{**vars(far), "model": seen})
     monkeypatch.setattr(
-        judging, "_unseen", lambda n: np.full((9, 1), after if n.is_far_ahead else before)
+        judging, "_named", lambda model, *_, **given: near if model.is_pushed else far
     )
+    monkeypatch.setattr(judging, "fitted_base", lambda model: base)
+    monkeypatch.setattr(judging, "_is_whole", lambda outcome: False)
+    verdicts = {(): rest, ("far",): "named"}
+    monkeypatch.setattr(judging, "verdict_of", lambda outcome: verdicts[outcome.unsettled])
+    monkeypatch.setattr(judging, "unfitted", lambda model, _: squares(model, all_blocks))
+    monkeypatch.setattr(judging, "unseen", lambda model, _: squares(model, sealed))
+    monkeypatch.setattr(judging, "_left_near", lambda *args: ())
     told = named(rubbing, base)
     assert told.is_far_ahead == is_taken
     assert (told is near) != is_taken
@@ -185,9 +218,61 @@ def test_steps_go_on_from_an_answer_far_ahead(rubbing, monkeypatch, tmp_path):
     assert told is not None
     assert told.is_far_ahead
     assert told.effects[0].parameters["force"].value == pytest.approx(3.0, abs=0.5)
-    assert any("predict far ahead" in line for line in sentences(told))
+    assert any("predicts far ahead" in line for line in sentences(told))
 
 
-def test_a_system_that_cannot_be_asked_so_is_not():
-    plain = SimpleNamespace()
-    assert judging.far_ahead(plain) is None
+def test_short_forecasts_are_not_asked_far_ahead():
+    """Three samples between readings are few; with fewer, nearly all would be looked at."""
+
+    class Short(Cart):
+        forecast_s = 17 / RATE
+
+    class Longer(Cart):
+        forecast_s = 18 / RATE
+
+    assert LogModel(Short(), [recorded()]).far_ahead() is None
+    assert LogModel(Longer(), [recorded()]).far_ahead() is not None
+
+
+def test_each_forecast_s_part_has_one_reading_also_where_it_is_no_whole_number():
+    class Odd(Cart):
+        forecast_s = 100 / RATE
+
+    far = LogModel(Odd(), [recorded(samples=4800)]).far_ahead()
+    run = far.run((), neutral(far.free(()))[None], [4])
+    looked_at = np.flatnonzero((run.statistics[2, :, 0, 0, 0] != 0.0) & run.pieces.scored[:, 0])
+    first = int(np.argmax(run.pieces.scored[:, 0]))
+    wanted = [t for t in range(first, len(run.states)) if t * 6 // 100 > (t - 1) * 6 // 100]
+    assert set(wanted) <= {*looked_at, first}
+    assert {100, 200, 300} <= set(looked_at)
+
+
+def test_a_disturbance_that_lasts_is_no_law_and_no_effect():
+    """Far ahead nothing takes it up: it shows in many innovations of a block alike."""
+    rng = np.random.default_rng(3)
+    recording = recorded(samples=2400)
+    keep, push, drift = np.exp(-1.0 / RATE / 2.0), 0.0, np.empty(2400)
+    x = v = 0.0
+    force = recording.columns["force_n"]
+    for k in range(2400):
+        drift[k] = x
+        push = keep * push + 1.5 * np.sqrt(1.0 - keep**2) * rng.standard_normal()
+        for _ in range(20):
+            v += ((force[k] - 30.0 * x - 3.0 * v) / 2.0 + push) / RATE / 20
+            x += v / RATE / 20
+    noisy = {
+        "force_n": force,
+        "position_m": drift + 1e-3 * rng.standard_normal(2400),
+        "seldom_m": drift + 2e-3 * rng.standard_normal(2400),
+    }
+    model = LogModel(Cart(), [Recording("cart", recording.time_s, noisy)])
+    told = named(model, fitted_base(model))
+    assert (judging.verdict_of(told), told.found.hypothesis) == ("none", ())
+    assert told.leftover
+
+
+def test_readings_that_are_passed_over_are_no_samples(rubbing):
+    far = rubbing.far_ahead()
+    base = fitted_base(far)
+    readings = sum(int((s.log_density[s.channels[1]] != 0.0).sum()) for s in base.slopes.scores)
+    assert whiteness(base).samples == readings

@@ -277,7 +277,7 @@ def test_one_blow_does_not_decide_what_chance_brings():
         e[400] += blow
         score = Score(-0.5 * e**2, e, np.ones(800), np.ones(800))
         leader = Fit((), (), (0,), np.zeros(0), Slopes((score,), (), ()), np.zeros(1))
-        turned = scan._turned(leader, np.random.default_rng(0))
+        turned = scan._turned(leader, np.random.default_rng(0), by_block=False)
         along = np.concatenate([slow, slow])
         along /= np.sqrt(along @ along)
         brought.append(float(np.quantile(0.5 * (along @ turned) ** 2, 0.95)))

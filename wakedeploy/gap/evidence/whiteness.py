@@ -83,12 +83,15 @@ class Whiteness:
 
 
 def whiteness(fitted: Fit) -> Whiteness:
-    """Of the innovations that a fit leaves, all episodes together, channel by channel."""
-    scores = [samples(score) for score in fitted.slopes.scores]
+    """Of the innovations that a fit leaves, all episodes together, channel by channel.
+
+    Samples that were not measured or not looked at are none: the next one follows the last.
+    """
+    scores = [_seen(score) for score in fitted.slopes.scores]
     rows, statistic = [], 0.0
     for white in zip(*scores, strict=True):  # one channel in every episode
         products = np.array(
-            [[float(w[k:] @ w[: len(w) - k]) for k in range(LAGS + 1)] for w in white]
+            [[float(w[k:] @ w[: max(len(w) - k, 0)]) for k in range(LAGS + 1)] for w in white]
         )
         total = products.sum(0)
         rows.append(total[1:] / total[0])
@@ -96,6 +99,12 @@ def whiteness(fitted: Fit) -> Whiteness:
         statistic += count * float((rows[-1] ** 2).sum())
     freedom = LAGS * len(rows)
     return Whiteness(np.array(rows), statistic, float(chi2.sf(statistic, freedom)), count)
+
+
+def _seen(score: Score) -> list[FloatArray]:
+    """The samples that have an innovation, channel by channel."""
+    seen = score.log_density != 0.0
+    return [white[seen[c]] for white, c in zip(samples(score), score.channels, strict=True)]
 
 
 def samples(score: Score) -> list[FloatArray]:

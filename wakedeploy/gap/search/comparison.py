@@ -23,10 +23,15 @@ def searched_on(model: "Comparison") -> "Comparison":
     return part
 
 
-def far_ahead(model: "Comparison") -> "Comparison | None":
+def asked_far_ahead(model: "Comparison") -> "Comparison | None":
     """The model asked to predict far ahead rather than the next reading, if it can be."""
-    view: Callable[[], Comparison] | None = getattr(model, "far_ahead", None)
-    return view() if callable(view) else None
+    view: Callable[[], Comparison | None] | None = getattr(model, "far_ahead", None)
+    return None if view is None else view()
+
+
+def is_far_ahead(model: "Comparison") -> bool:
+    """Whether a model predicts far ahead, so that a disturbance shows in many innovations."""
+    return not getattr(model, "is_pushed", True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.anew import begun_anew, bettered
 from wakedeploy.gap.search.beginnings import beginning
-from wakedeploy.gap.search.comparison import Comparison, errors, far_ahead, searched_on
+from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead, errors, searched_on
 from wakedeploy.gap.search.extent import is_steady, profiled
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
 from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, simpler
@@ -41,7 +41,8 @@ from wakedeploy.gap.search.weighing import (
     helps,
     is_outdone,
     share_of_gap,
-    stretches,
+    unfitted,
+    unseen,
     weight_of,
 )
 
@@ -104,29 +105,54 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
 
     Long recordings are searched in part; sizes and sealed episodes are those of all. The model is
     asked for the next reading; where the answer explains too little, it is asked far ahead, too.
-    What that names takes the place of an unknown, and of names only if its forecasts are surely
-    better; those of sealed episodes may not get worse.
+    What that names takes the place of an unknown if forecasts get better, those of sealed episodes,
+    too; of another answer, if they surely do.
     """
     outcome = _named(model, base, progress)
-    far = None if _is_whole(outcome) else far_ahead(model)
+    far = None if _is_whole(outcome) else asked_far_ahead(model)
     if far is None:
         return outcome
     progress("asking far ahead")
-    again = replace(_named(far, fitted_base(far), progress), is_far_ahead=True)
-    if not _replaces(outcome, again):
+    again = _named(far, fitted_base(far), progress, lacks_something=True)
+    again = replace(again, is_far_ahead=True)
+    if verdict_of(again) not in ("named", "class"):
         return outcome
-    was, now = (_unseen(n) for n in (outcome, again))
-    return again if weight_of(was, now).share > 0.0 else outcome
+    gained = weight_of(*(unfitted(n.model, n.found) for n in (outcome, again)))
+    is_better = gained.matters if verdict_of(outcome) == "unknown" else gained.low > 0.0
+    if is_better and weight_of(*(unseen(n.model, n.found) for n in (outcome, again))).share > 0.0:
+        return replace(again, leftover=_left_near(model, outcome, again))
+    return outcome
 
 
-def _named(model: Comparison, base: Fit, progress: Progress) -> Named:
-    """What one way of asking names; where that explains too little, the effects are begun anew."""
+def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[dict[str, Any], ...]:
+    """What still acts beside what was named far ahead, where no push can say so."""
+    acting = getattr(model, "leftovers", None)
+    if acting is None:
+        return ()
+    known = dict(zip(outcome.found.names, outcome.found.theta, strict=True))
+    known |= dict(zip(again.found.names, again.found.theta, strict=True))
+    hypothesis = again.found.hypothesis
+    start = np.array([known[f.name] for f in model.free(hypothesis)])
+    fitted = settled(model, fit(model, hypothesis, outcome.found.episodes, start))[0]
+    left: tuple[dict[str, Any], ...] = acting(fitted)
+    return left
+
+
+def _named(
+    model: Comparison, base: Fit, progress: Progress, lacks_something: bool = False
+) -> Named:
+    """What one way of asking names; where that explains too little, the effects are begun anew.
+
+    With `lacks_something` another way has said so: then "none" explains too little.
+    """
     part = searched_on(model)
     begun = base
     if part is not model:
         begun = settled(part, fit(part, (), base.episodes, base.theta))[0]
     outcome = _searched(model, base, Named(model, begun, begun, []), progress)
-    if _is_whole(outcome):
+    is_open = verdict_of(outcome) == "unknown"
+    is_open = is_open or (lacks_something and not outcome.found.hypothesis)
+    if not is_open and _is_whole(outcome):
         return outcome
     stage = "beginning effects anew"
     anew = begun_anew(part, begun, list(part.effects), functools.partial(progress, stage))
@@ -136,29 +162,16 @@ def _named(model: Comparison, base: Fit, progress: Progress) -> Named:
     if better is not begun:
         base = better if part is model else bettered(model, base, [better])
     again = _searched(model, base, Named(model, better, better, []), progress, anew)
-    return again if _replaces(outcome, again) else outcome
+    if verdict_of(again) not in ("named", "class"):
+        return outcome
+    gained = weight_of(crossed(model, outcome.found), crossed(model, again.found))
+    return again if is_open or gained.low > 0.0 else outcome
 
 
 def _is_whole(outcome: Named) -> bool:
     """Whether nothing hints at more than an answer says."""
     is_open = verdict_of(outcome) == "unknown" or _evident_yet_unnamed(outcome)
     return not (is_open or outcome.leftover or is_outdone(outcome.model, outcome.found))
-
-
-def _replaces(outcome: Named, again: Named) -> bool:
-    """Whether a second answer names something: more than an unknown, or what surely does better."""
-    if verdict_of(again) not in ("named", "class"):
-        return False
-    if verdict_of(outcome) == "unknown":
-        return True
-    was, now = (crossed(n.model, n.found) for n in (outcome, again))
-    return weight_of(was, now).low > 0.0
-
-
-def _unseen(outcome: Named) -> FloatArray:
-    """Squared forecast errors of sealed stretches, (stretches, channels)."""
-    model = outcome.model
-    return stretches(model, model.disagreements(outcome.found, model.sealed()))
 
 
 def _searched(

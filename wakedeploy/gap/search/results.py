@@ -34,7 +34,7 @@ from wakedeploy.gap.search.judging import Named, verdict_of
 from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
 from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters
-from wakedeploy.gap.search.weighing import weighed
+from wakedeploy.gap.search.weighing import unseen, weight_of
 
 _FAR_SPREADS = 3.0  # from there on a constant is doubted, and what was found beside it
 
@@ -83,15 +83,26 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
 
 
 def before_after(
-    model: Comparison, base: Fit, found: Fit, key: str = "", forecast_s: float | None = None
+    model: Comparison,
+    base: Fit,
+    found: Fit,
+    key: str = "",
+    forecast_s: float | None = None,
+    near: tuple[Comparison, Fit] | None = None,
 ) -> BeforeAfter:
     """The gap on sealed episodes, and what the page shows beside it.
 
-    `forecast_s` is how far ahead errors are of, where they are errors of forecasts.
+    `forecast_s` is how far ahead errors are of, where they are errors of forecasts. Of an answer
+    far ahead, `near` is the system that predicts the next reading: the gap before is the smaller.
     """
     sealed = model.sealed()
+    was = unseen(model, base)
     before, after = (errors(model, f, sealed) for f in (base, found))
-    removed = weighed(model, base, found, sealed)
+    if near is not None:
+        was_near = unseen(*near)
+        if weight_of(was, was_near).share > 0.0:
+            was, before = was_near, errors(*near, sealed)
+    removed = weight_of(was, unseen(model, found))
     return BeforeAfter(
         domain=model.name,
         key=key,

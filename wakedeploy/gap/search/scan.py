@@ -13,7 +13,7 @@ from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import begun, climbed, finished, raced, to_the_end
-from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.comparison import Comparison, is_far_ahead
 from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
 
@@ -65,7 +65,7 @@ def ranked(
     found = [candidate(base, seen.name, fitted[seen.name]) for seen in order]
     best_first = sorted(found, key=lambda c: -c.gain_nats)
     leader = best_first[0].fit if best_first else base
-    return best_first, chance_nats(ground, seen_all, leader)
+    return best_first, chance_nats(ground, seen_all, leader, by_block=is_far_ahead(model))
 
 
 def _lookalikes(
@@ -126,18 +126,21 @@ def _likeness(ground: Ground, look: Look, other: Look) -> float:
     )
 
 
-def chance_nats(ground: Ground, candidates: Sequence[Look], leader: Fit, seed: int = 0) -> float:
+def chance_nats(
+    ground: Ground, candidates: Sequence[Look], leader: Fit, seed: int = 0, by_block: bool = False
+) -> float:
     """The best gain of any candidate that innovations of noise alone would bring, in 19 of 20.
 
     Noise is drawn anew around the base, with form and constants wrong by what their priors allow.
     Beside it signs of whole blocks of innovations are turned, which keeps what colours them: those
-    of the best candidate, as what it explains is no noise where it is the truth.
+    of the best candidate, as what it explains is no noise where it is the truth. Where a
+    disturbance may colour a whole episode, `by_block` turns it as one.
     """
     rng = np.random.default_rng(seed)
     bases = [_basis(columns, ground) for seen in candidates for columns in seen.columns]
     best = np.zeros((2, DRAWS))
     for first in range(0, DRAWS, _AT_ONCE):
-        for row, draws in enumerate((_noise(ground, rng), _turned(leader, rng))):
+        for row, draws in enumerate((_noise(ground, rng), _turned(leader, rng, by_block))):
             gains = [0.5 * ((basis.T @ draws) ** 2).sum(0) - basis.shape[1] for basis in bases]
             best[row, first : first + _AT_ONCE] = np.max(gains, axis=0, initial=0.0)
     sure = 1.0 - RULES.false_alarms
@@ -157,8 +160,8 @@ def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:
     return np.asarray(noise + known @ (sd[:, None] * rng.standard_normal((len(sd), _AT_ONCE))))
 
 
-def _turned(leader: Fit, rng: np.random.Generator) -> FloatArray:
-    """A fit's own whitened innovations, blocks of them with signs turned, (2n, draws).
+def _turned(leader: Fit, rng: np.random.Generator, by_block: bool) -> FloatArray:
+    """A fit's own whitened innovations, pieces of them with signs turned, (2n, draws).
 
     One event in a log, such as a blow, must not decide what chance brings to all of it: what an
     effect gains by it alone counts for nothing anyway, as no other block bears it out.
@@ -169,7 +172,7 @@ def _turned(leader: Fit, rng: np.random.Generator) -> FloatArray:
         n = len(rest) // 2
         rest[:n] = np.clip(rest[:n], -_LOUDEST, _LOUDEST)
         rest[n:] = np.minimum(rest[n:], 0.5**0.5 * (_LOUDEST**2 - 1.0))
-        count = max(n // _TURNED, 4)
+        count = 1 if by_block else max(n // _TURNED, 4)
         signs = rng.choice((-1.0, 1.0), (count, _AT_ONCE))
         of = np.minimum(np.arange(n) * count // n, count - 1)
         parts += [rest[:n, None] * signs[of], rest[n:, None] * signs[of]]

@@ -93,6 +93,16 @@ def crossed(model: Comparison, fitted: Fit) -> FloatArray:
     return stretches(model, errors)
 
 
+def unseen(model: Comparison, fitted: Fit) -> FloatArray:
+    """Squared errors of sealed stretches, (stretches, channels)."""
+    return stretches(model, model.disagreements(fitted, model.sealed()))
+
+
+def unfitted(model: Comparison, fitted: Fit) -> FloatArray:
+    """Squared errors of all stretches, (stretches, channels), with parameters of other blocks."""
+    return np.concatenate([crossed(model, fitted), unseen(model, fitted)])
+
+
 def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
     """The parameters (p,) that a fit's episodes prefer without those at `places`."""
     if len(places) == len(fitted.episodes):
@@ -119,10 +129,8 @@ def is_outdone(model: Comparison, fitted: Fit) -> bool:
     asked: Callable[[Sequence[int]], list[list[FloatArray]]] | None = getattr(model, "held", None)
     if asked is None:
         return False
-    sealed = model.sealed()
-    unseen = stretches(model, model.disagreements(fitted, sealed))
-    modelled = np.concatenate([crossed(model, fitted), unseen])
-    asked_all = np.array([stretches(model, each) for each in asked([*fitted.episodes, *sealed])])
+    modelled, all_of = unfitted(model, fitted), [*fitted.episodes, *model.sealed()]
+    asked_all = np.array([stretches(model, each) for each in asked(all_of)])
     best = np.argmin(asked_all.sum(1), axis=0)  # of each channel
     simple = np.take_along_axis(asked_all, best[None, None], axis=0)[0]
     return weight_of(simple, modelled).share <= 0.0

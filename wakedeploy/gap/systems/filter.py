@@ -124,7 +124,7 @@ class Filter:
     ) -> None:
         self.logs, self.blocks, self.starts = logs, blocks, starts
         self.driven, self.outliers = tuple(driven), outliers
-        self.apart = 1.0  # samples between readings that are scored
+        self.stretch = (1, 1)  # so many samples, and so many readings of them that are looked at
         self._offset = np.cumsum([0, *(log.outputs.shape[1] for log in logs)])
         self._inputs = np.concatenate([log.inputs for log in logs], axis=1)
         self._driving = np.concatenate([log.driving for log in logs], axis=1)
@@ -137,6 +137,7 @@ class Filter:
         values: Mapping[str, FloatArray],
         episodes: Sequence[int],
         outputs: FloatArray | None = None,
+        all_readings: bool = False,
     ) -> Run:
         """Over some blocks, for parameter sets `values` of arrays (K,)."""
         blocks = [self.blocks[e] for e in episodes]
@@ -165,7 +166,8 @@ class Filter:
         points = np.empty((k, k + 1, lanes))
         times = np.tile(pieces.sample * dt_s, count)
         measured = np.where(pieces.valid[:, None], np.moveaxis(logged[:, at], 0, 1), np.nan)
-        measured[self._passed_over(measured, pieces)] = np.nan
+        if not all_readings:
+            measured[self._passed_over(measured, pieces)] = np.nan
         measured = np.tile(measured, (1, 1, count))
         for t, here in enumerate(at):
             time_s = times[t][None, :]
@@ -199,10 +201,11 @@ class Filter:
     ) -> list[FloatArray]:
         """Measured less forecast (m, n) of each block, NaN where nothing is forecast.
 
-        From every `horizon`-th sample the model goes on alone, uncorrected by measurements.
+        From every `horizon`-th sample the model goes on alone, uncorrected by measurements; where
+        it begins, all readings say, also those that are passed over otherwise.
         `chosen` says which parameter set is each block's; the first if it is not given.
         """
-        run = self.run(acting, values, episodes)
+        run = self.run(acting, values, episodes, all_readings=True)
         every = [(t, s) for s in range(run.pieces.sample.shape[1])
                  for t in range(0, len(run.states), horizon)
                  if run.pieces.scored[t, s]]  # fmt: skip
@@ -297,14 +300,13 @@ class Filter:
         return acting.readings(x[:, None, :], *given)[:, 0]
 
     def _passed_over(self, measured: FloatArray, pieces: Pieces) -> npt.NDArray[np.bool_]:
-        """Which readings (T, m, S) are not looked at: all but a channel's first of each stretch.
+        """Which readings (T, m, S) are not looked at: all but a channel's first of each part.
 
-        Before a piece is scored all are, so that its filter has settled.
+        All readings before the scored part of a piece are looked at, so that its filter settles.
         """
-        stretch = np.floor(np.arange(len(measured)) / self.apart)
-        begins = np.maximum.accumulate(
-            np.where(np.diff(stretch, prepend=-1.0) > 0.0, np.arange(len(stretch)), 0)
-        )
+        samples, readings = self.stretch
+        part = np.arange(len(measured)) * readings // samples
+        begins = np.searchsorted(part, part)
         known = np.isfinite(measured)
         count = np.cumsum(known, axis=0)
         before = (count - known)[begins]

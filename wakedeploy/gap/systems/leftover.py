@@ -16,10 +16,11 @@ import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, settled
 from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.comparison import is_far_ahead
 from wakedeploy.gap.search.looking import Ground, Look, looks
 from wakedeploy.gap.search.residual_profiles import ranges
 from wakedeploy.gap.search.scan import chance_nats
-from wakedeploy.gap.search.weighing import crossed, weight_of
+from wakedeploy.gap.search.weighing import unfitted, weight_of
 from wakedeploy.gap.systems.kinds.kind import Scales
 from wakedeploy.gap.systems.kinds.library import Effect, custom_kind
 from wakedeploy.gap.systems.system import Port
@@ -89,19 +90,22 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
             small.append(push)
     if not large and not small:
         return ()
-    far, fitted_far = _far_ahead(model, fitted)
-    pushes = [_asked(far, fitted_far, push) for push in large]
-    lawful = (_asked(far, fitted_far, push) for push in small)
+    asked, fitted = _refitted(model, fitted)
+    pushes = [_asked(asked, fitted, push) for push in large]
+    lawful = (_asked(asked, fitted, push) for push in small)
     pushes += [push for push in lawful if _is_gained_by(push)]
     return tuple(sorted(pushes, key=lambda push: -push.share))
 
 
-def _far_ahead(model: "LogModel", fitted: Fit) -> tuple["LogModel", Fit]:
-    """The model and its fit, asked far ahead: there no push takes a law's place."""
-    far = model.thinned().far_ahead()
+def _refitted(model: "LogModel", fitted: Fit) -> tuple["LogModel", Fit]:
+    """The model asked far ahead, where no push takes a law's place, and its fit."""
+    asked = model.thinned()
+    asked = asked.far_ahead() or asked
+    if asked is model:
+        return model, fitted
     known = dict(zip(fitted.names, fitted.theta, strict=True))
-    start = np.array([known[f.name] for f in far.free(fitted.hypothesis)])
-    return far, settled(far, fit(far, fitted.hypothesis, fitted.episodes, start))[0]
+    start = np.array([known[f.name] for f in asked.free(fitted.hypothesis)])
+    return asked, settled(asked, fit(asked, fitted.hypothesis, fitted.episodes, start))[0]
 
 
 def _is_gained_by(push: Leftover) -> bool:
@@ -118,9 +122,12 @@ def _asked(model: "LogModel", fitted: Fit, push: Leftover) -> Leftover:
     seen = looks(wider, ground, list(laws))
     best = max(seen, key=_merit, default=None)
     law = None
-    if best is not None and _merit(best) > chance_nats(ground, seen, fitted):
+    by_block = is_far_ahead(model)
+    if best is not None and _merit(best) > chance_nats(ground, seen, fitted, by_block=by_block):
         law = _worth(wider, fitted, best, laws[best.name])
     matters = law is not None and law.high >= RULES.unexplained_share
+    if by_block:  # there evidence alone says little, as a disturbance shows in many innovations
+        matters = matters and law is not None and law.low > 0.0
     return replace(push, law=law, matters=matters or push.share > RULES.unknown_push)
 
 
@@ -136,7 +143,7 @@ def _worth(model: "LogModel", fitted: Fit, look: Look, law: Effect) -> Law:
     if start is None:
         start = np.append(fitted.theta, [f.neutral for f in law.free])
     after = fit(model, hypothesis, fitted.episodes, start)
-    removed = weight_of(crossed(model, fitted), crossed(model, after))
+    removed = weight_of(*(unfitted(model, f) for f in (fitted, after)))
     by_direction = law.kind.name == _BY_DIRECTION
     return Law(law.other, by_direction, removed.share, removed.low, removed.high)
 
@@ -183,7 +190,7 @@ def _law(
     size = model.sizes[f"d {push.state}"]
     kind = _BY_DIRECTION if by_direction else "law"
     name = f"{kind}-over-{coordinate}@{push.state}"
-    each = [size, *(len(names) - 1) * [size / len(names)]]  # smooth, unless logs say otherwise
+    each = [size, *(len(names) - 1) * [size / len(names) ** 0.5]]  # a random walk
     port = Port.custom(kind, acting, {n: (push.unit, s) for n, s in zip(names, each, strict=True)})
     sizes = {f"own {n}": s for n, s in zip(names, each, strict=True)}
     scales = Scales(sizes, dict.fromkeys(sizes, push.unit))

@@ -18,6 +18,7 @@ from scipy.signal import savgol_filter
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.blocks import Block, Log, blocks_of, logs_of
@@ -33,7 +34,7 @@ _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
 _ENDS = 0.995  # the same of the way: one reading that strays is no end of it
 _SMOOTHED = 11  # samples, for a first guess of speeds
-_READINGS = 6  # of a forecast, where few are looked at
+_FEW = 3  # samples between readings, from which they are few
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _LN_SD = 2.0
 # ln sd by which a sensor may be better than stated, or than guessed: a filter that trusts a sensor
@@ -91,15 +92,18 @@ class LogModel:
         part.records = [part._record(b) for b in part.blocks]
         return part
 
-    def far_ahead(self) -> "LogModel":
+    def far_ahead(self) -> "LogModel | None":
         """The same, asked to predict far ahead: few readings a forecast, and no push that lasts.
 
         Of the next reading, a push that drifts tells as much as a law does, the more so where
         readings repeat; but what is fitted to such predictions may err after a forecast's length.
+        None where a forecast is so short that all its readings would be looked at.
         """
+        if self.horizon < _FEW * RULES.readings_ahead:
+            return None
         view = copy.copy(self)
         view.filter = copy.copy(self.filter)
-        view.filter.apart = max(self.horizon / _READINGS, 1.0)
+        view.filter.stretch = self.horizon, RULES.readings_ahead
         view.is_pushed = False
         view.__dict__.pop("_nuisances", None)
         return view
@@ -181,7 +185,7 @@ class LogModel:
         return groups + [[n] for n in names if self.library[n].own_states]
 
     def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
-        """What still acts and is explained by nothing, as JSON has it; far ahead nothing is."""
+        """What still acts and is explained by nothing, as JSON has it; () far ahead."""
         if not self.is_pushed:
             return ()
         return tuple(asdict(push) for push in leftovers(self, fitted))

@@ -30,8 +30,8 @@ from wakedeploy.gap.wording import (
 FURTHER_LOG = "new"  # stands in commands for a log that was not searched
 _MOST_PLACES, _MOST_RANKED = 6, 5
 _FAR_AHEAD = (
-    "The system was asked to predict far ahead, from a few readings a forecast: asked for the next "
-    "reading, it told less."
+    "Found where the system predicts far ahead, from a few readings a forecast; from the next "
+    "reading alone came no such answer."
 )
 _MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
