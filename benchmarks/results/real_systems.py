@@ -62,7 +62,18 @@ def _counts(rows: Sequence[Row]) -> str:
         "answers are right or name what else is known; that says something only where the effect "
         f"had been named when it was left out, in {both} of them.\n\nThe halves of "
         f"{halves.count('same')} of {len(halves)} recordings give the same answer."
+        f"{_of_earlier(rows)}"
     )
+
+
+def _of_earlier(rows: Sequence[Row]) -> str:
+    """How many answers were not asked again, and of which commit they are."""
+    said = ""
+    for part, of in (("in", "with the effect built in"), ("first", "about halves")):
+        commits = [row["answers"].get(part, {}).get("commit") for row in rows]
+        for commit in sorted({c for c in commits if c}):
+            said += f" Of the answers {of}, {commits.count(commit)} are of `{commit}`."
+    return f"\n\nSome were not asked again.{said}" * bool(said)
 
 
 def _line(row: Row) -> list[str]:
