@@ -1,5 +1,6 @@
 """A model asked far ahead: few readings of a forecast are looked at, and no push lasts."""
 
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -13,12 +14,12 @@ from wakedeploy.gap import workflow
 from wakedeploy.gap.evidence.inference import neutral
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.search import judging
-from wakedeploy.gap.search.artefacts import Answer, read
+from wakedeploy.gap.search.artefacts import Answer, Law, Leftover, read
 from wakedeploy.gap.search.judging import Named, fitted_base, named
 from wakedeploy.gap.systems.correction import read_correction
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.own_folder import CORRECTION, OwnFolder
-from wakedeploy.gap.systems.words import sentences
+from wakedeploy.gap.systems.words import _unexplained, sentences
 
 RATE = 50.0
 FRICTION = "coulomb-friction@speed_mps"
@@ -276,3 +277,15 @@ def test_readings_that_are_passed_over_are_no_samples(rubbing):
     base = fitted_base(far)
     readings = sum(int((s.log_density[s.channels[1]] != 0.0).sum()) for s in base.slopes.scores)
     assert whiteness(base).samples == readings
+
+
+def test_a_law_by_which_forecasts_get_no_better_is_told_so():
+    law = Law(coordinate="speed_mps", by_direction=True, removes=-0.2, low=-0.4, high=0.1)
+    push = Leftover(
+        state="speed_mps", sd=1.0, unit="m/s/s", lasts_s=0.3, share=0.1, law=law, matters=False
+    )
+    (line,) = (line for line in _unexplained(SimpleNamespace(unexplained=[push])) if "law" in line)
+    assert line.strip() == (
+        "A law over speed_mps and the direction of motion is evident, but forecasts get no better "
+        "by it."
+    )

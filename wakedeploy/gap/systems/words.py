@@ -237,6 +237,8 @@ def _lawful(push: Leftover) -> str:
             "a disturbance acts so."
         )
     over = f"{law.coordinate} and the direction of motion" if law.by_direction else law.coordinate
+    if law.removes <= 0.0:
+        return f"A law over {over} is evident, but forecasts get no better by it."
     removed = Forecast(share=law.removes, low=law.low, high=law.high)
     what = f"A law over {over} is evident, and removes {removed_words(removed)}"
     return f"{what} of the squared forecast error where it was not fitted."
