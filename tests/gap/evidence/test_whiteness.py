@@ -16,7 +16,8 @@ def fit_that_leaves(series, variance: float = 4.0) -> Fit:
     for white in series:
         e = np.append(np.sqrt(variance) * white, [50.0, -50.0, 50.0])
         v = np.full(len(e), variance)
-        scores.append(Score(np.zeros(len(e)), e, v, np.ones(len(e)), (slice(0, len(white)),)))
+        density = -0.5 * (e**2 / v + np.log(2.0 * np.pi * v))
+        scores.append(Score(density, e, v, np.ones(len(e)), (slice(0, len(white)),)))
     theta, count = np.zeros(0), len(scores)
     return Fit((), (), tuple(range(count)), theta, Slopes(tuple(scores), (), ()), np.zeros(count))
 
