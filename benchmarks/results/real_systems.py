@@ -67,7 +67,7 @@ def _counts(rows: Sequence[Row]) -> str:
 
 
 def _of_earlier(rows: Sequence[Row]) -> str:
-    """How many answers were not asked again, and of which commit they are."""
+    """How many answers are of an earlier record, and of which commit."""
     said = ""
     for part, of in (("in", "with the effect built in"), ("first", "about halves")):
         commits = [row["answers"].get(part, {}).get("commit") for row in rows]
