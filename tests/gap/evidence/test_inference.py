@@ -1,11 +1,14 @@
 """Generic fits against linear-Gaussian closed forms, and intervals against simulated truths."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from linear_model import EPISODES, Linear
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
+from wakedeploy.gap.evidence import inference
 from wakedeploy.gap.evidence.inference import (
     Free,
     Score,
@@ -14,6 +17,7 @@ from wakedeploy.gap.evidence.inference import (
     held_out,
     log_prior,
     neutral,
+    settled,
     slopes_at,
 )
 
@@ -34,6 +38,45 @@ def test_a_fit_is_the_posterior_mean(hypothesis) -> None:
     )
     assert fitted.log_prior == pytest.approx(model.prior_nats(hypothesis), abs=0.3)
     assert fitted.objective == pytest.approx(fitted.per_episode.sum() + fitted.log_prior)
+
+
+def test_a_fit_ends_as_near_as_it_is_told_to() -> None:
+    model = Linear(TRUTH)
+    mean, covariance = model.posterior(("a",))
+    for enough_nats in (1e-3, 1e-6):
+        away = fit(model, ("a",), EVERY, enough_nats=enough_nats).theta - mean
+        assert 0.5 * away @ np.linalg.solve(covariance, away) < enough_nats
+
+
+@pytest.mark.parametrize(
+    ("moving", "step_sd", "rise_nats", "is_at_rest"),
+    [
+        ("a.size", 0.3, 1.0, False),
+        ("a.size", 0.05, 1.0, True),
+        ("a.size", 0.3, 0.05, True),
+        ("offset", 0.3, 1.0, True),
+    ],
+)
+def test_only_a_size_that_still_moves_keeps_a_fit_from_rest(
+    moving, step_sd, rise_nats, is_at_rest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Refits that creep on, by a parameter of the effect itself or by one beside it."""
+    begun = fit(Linear(TRUTH), ("a",), EVERY)
+    names = {"a": "a.size"}
+    free = (replace(f, name=names.get(f.name, f.name), prior_sd=np.inf) for f in begun.free)
+    begun = replace(begun, free=tuple(free))
+    at = begun.names.index(moving)
+    step = step_sd * begun.standard_error(moving) * np.eye(len(begun.names))[at]
+
+    def crept(model, hypothesis, episodes, start, enough_nats):
+        refits = round((start - begun.theta)[at] / step[at]) + 1
+        risen = begun.per_episode + refits * rise_nats / EPISODES
+        return replace(begun, theta=start + step, per_episode=risen)
+
+    monkeypatch.setattr(inference, "fit", crept)
+    fitted, at_rest = settled(Linear(TRUTH), begun)
+    assert at_rest is is_at_rest
+    assert fitted.theta[at] > begun.theta[at]  # it went on as long as it was worth it
 
 
 @pytest.mark.parametrize("own", [("a",), ("b", "c"), ("a", "b", "c")])

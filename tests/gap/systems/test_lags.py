@@ -9,7 +9,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import applied, extended, fit
 from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
-from wakedeploy.gap.systems.kinds.inputs import Lag, SecondOrderLag
+from wakedeploy.gap.systems.kinds.inputs import DeadTime, Lag, SecondOrderLag
 from wakedeploy.gap.systems.logs import LogModel
 
 RATE = 4.0
@@ -66,6 +66,52 @@ def test_a_log_that_begins_in_motion_is_no_less_likely_than_later_parts(lags, ef
     first, *others = applied(model, fitted, base.episodes).slopes.scores
     loudest = max(float(np.sqrt(np.mean(s.white**2))) for s in others)
     assert float(np.sqrt(np.mean(first.white**2))) < loudest
+
+
+def _late_log(seed: int, delay_s: float, minutes: float = 4.0) -> Recording:
+    """The tank at rest, until a script begins with a step; its commands act late."""
+    rng = np.random.default_rng(seed)
+    n, fine = int(60.0 * minutes * RATE), 20
+    command = np.repeat(rng.uniform(0.5, 5.0, n // 24 + 1), 24)[:n]
+    command[0] = 5.0
+    before, late = 0.5, round(delay_s * RATE * fine)
+    acting = np.concatenate([np.full(late, before), np.repeat(command, fine)])
+    level, shown = (GAIN * before / LEAK) ** 2, np.empty(n)
+    for k in range(n):
+        shown[k] = level
+        for pump in acting[k * fine : (k + 1) * fine]:
+            level += (GAIN * pump - LEAK * np.sqrt(level)) / (RATE * fine)
+    shown += 5e-4 * rng.standard_normal(n)
+    return Recording("late tank", np.arange(n) / RATE, {"pump_v": command, "level_m": shown})
+
+
+@pytest.mark.parametrize("delay_s", [2.0, 3.6])
+def test_a_script_that_begins_with_a_step_does_not_hide_that_its_commands_act_late(delay_s):
+    """What the pump did before the log says no column, and until the delay is over it acts."""
+    model = LogModel(Tank(), [_late_log(5, delay_s)])
+    base, effect = fitted_base(model), "dead-time@pump_v"
+    start = extended(base, model.free((effect,)))
+    start[-1] = delay_s
+    fitted = fit(model, (effect,), base.episodes, start)
+    assert fitted.value(f"{effect}.delay_s") == pytest.approx(delay_s, abs=0.25 / RATE)
+    assert fitted.value("constant.gain") == pytest.approx(GAIN, rel=0.03)
+    first, *others = applied(model, fitted, base.episodes).slopes.scores
+    loudest = max(float(np.sqrt(np.mean(s.white**2))) for s in others)
+    assert float(np.sqrt(np.mean(first.white**2))) < 1.2 * loudest
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.03, 0.05, 0.13])
+def test_a_dead_time_knows_what_was_on_its_way(late_s):
+    """Its column and its state together, against a column that began long before."""
+    dt_s, p, kind = 0.05, {"delay_s": late_s}, DeadTime()
+    whole = np.concatenate([np.full(9, 2.0), [5.0, 4.0, 7.0, 1.0, 3.0]])
+    known = kind.filtered(whole, p, dt_s)[9:]
+    times = dt_s * np.arange(5)
+    before = kind.from_before((np.full(5, 2.0 - 5.0),), times, p, dt_s)
+    np.testing.assert_allclose(kind.filtered(whole[9:], p, dt_s) + before, known, atol=1e-12)
+    assert (kind.remaining(times, p, dt_s) > 0.0).tolist() == (before != 0.0).tolist()
+    assert kind.unsettled(whole[9:], p, dt_s) > 1.0  # as far as commands go at all
+    assert kind.unsettled(np.full(5, 3.0), p, dt_s) == 0.0
 
 
 @pytest.mark.whole

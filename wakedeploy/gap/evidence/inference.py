@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import lsq_linear
 from scipy.stats import t as student_t
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,7 +30,9 @@ _SETTLED_NATS, _FORM_SETTLED_NATS, _FAR_NATS = 2.0, 20.0, 200.0
 # A climb that slows to steps of so many nats is given up where it promises, times the optimism,
 # less than what it has to reach. Faster ones come from far away, where promises are too small.
 _SLOW_NATS, _OPTIMISM = 30.0, 3.0
+_FLAT = 1e-10  # an eigenvalue of a scaled curvature that is nothing but rounding
 _RISEN_NATS, _MOST_REFITS = 0.1, 4  # what a repeated fit may rise by, and how often it is repeated
+_AT_REST_SD = 0.1  # a size that a repeated fit moves by less has come to rest
 
 
 @dataclass(frozen=True)
@@ -261,29 +264,46 @@ def fit(
     slopes: Slopes | None = None,
     moving: Sequence[int] | None = None,
     least: float = -np.inf,
+    enough_nats: float | None = None,
 ) -> Fit:
     """Maximise log likelihood plus log priors over the hypothesis's parameters.
 
     `start` (p,) is where to begin (the neutral values if None). `slopes`, if they are known there,
     save a round; with `moving`, only those parameters' slopes are renewed on the way, which is
     enough to tell a contender from the rest. A climb that will not come to an objective of `least`
-    is given up, not converged.
+    is given up, not converged. With `enough_nats` a climb ends where a step promises less than
+    that, all slopes renewed at every step: where it ends then depends neither on where it began nor
+    on how a processor rounds.
     """
     free = model.free(hypothesis)
     theta = neutral(free) if start is None else np.clip(start, *_bounds(free))
     chosen = tuple(episodes)
-    ascent = _Ascent(model, hypothesis, free, chosen, moving, least)
+    ascent = _Ascent(model, hypothesis, free, chosen, moving, least, enough_nats)
     return ascent.run(theta, slopes)
 
 
 def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
-    """A fit repeated from where it ended, and whether it no longer rises."""
+    """A fit repeated from where it ended, and whether its effects' sizes have come to rest.
+
+    They have where it no longer rises, or rises by what moves no size against its standard error:
+    noise may creep on for long, and how far it comes depends on how a processor rounds.
+    """
+    moved = np.inf
     for _ in range(_MOST_REFITS):
-        again = fit(model, fitted.hypothesis, fitted.episodes, fitted.theta)
-        rise, fitted = again.objective - fitted.objective, again
+        again = fit(
+            model, fitted.hypothesis, fitted.episodes, fitted.theta, enough_nats=_ENOUGH_NATS
+        )
+        rise, moved, fitted = again.objective - fitted.objective, _moved_sd(fitted, again), again
         if rise < _RISEN_NATS:
             return fitted, True
-    return fitted, False
+    return fitted, moved < _AT_REST_SD
+
+
+def _moved_sd(before: Fit, after: Fit) -> float:
+    """How far the effects' parameters went, in standard errors: the one that went farthest."""
+    sizes = [n for n in after.names if n.startswith(tuple(f"{e}." for e in after.hypothesis))]
+    moved = (abs(after.value(n) - before.value(n)) / after.standard_error(n) for n in sizes)
+    return max(moved, default=0.0)
 
 
 def applied(model: Model, fitted: Fit, episodes: Sequence[int] | None = None) -> Fit:
@@ -370,7 +390,12 @@ def neutral(free: Sequence[Free]) -> FloatArray:
 
 
 class _Ascent:
-    """Levenberg–Marquardt on the log posterior."""
+    """Levenberg–Marquardt on the log posterior.
+
+    The expected information is too little curvature where the noise is not what the model thinks.
+    A climb with fresh slopes learns from its steps what is lacking (Dennis, Gay and Welsch 1981):
+    it ends at the top, where others stop on the way along a ridge.
+    """
 
     def __init__(
         self,
@@ -380,9 +405,13 @@ class _Ascent:
         episodes: tuple[int, ...],
         moving: Sequence[int] | None,
         least: float,
+        enough_nats: float | None = None,
     ) -> None:
         self._model, self._hypothesis, self._free = model, hypothesis, free
         self._episodes, self._moving, self._least = episodes, moving, least
+        self._is_fresh = enough_nats is not None
+        self._enough_nats = _ENOUGH_NATS if enough_nats is None else enough_nats
+        self._lacking = np.zeros((len(free), len(free)))  # curvature beside the information
         self._gained = np.zeros(len(free))  # nats since each parameter's slopes were renewed
         self._precision = prior_precision(free)
         self._centre = neutral(free)
@@ -393,12 +422,12 @@ class _Ascent:
         damping, converged, gained = 1e-3, False, np.inf
         for _ in range(_ITERATIONS):
             step, promised = self._step(slopes, theta, damping)
-            if promised < _ENOUGH_NATS:
+            if promised < self._enough_nats:
                 converged = True
                 break
             if gained < _SLOW_NATS and value + _OPTIMISM * promised < self._least:
                 break
-            tried = np.clip(theta + step, *_bounds(self._free))
+            tried = theta + step
             scores = self._scores(tried)
             reached = self._objective(scores, tried)
             if not reached > value:
@@ -406,9 +435,11 @@ class _Ascent:
                 if damping > 1e4:
                     break
                 continue
-            gained, value, theta = reached - value, reached, tried
+            gained, value, before = reached - value, reached, (slopes, theta)
             damping = max(0.2 * damping, 1e-6)
-            slopes = self._renewed(slopes, theta, scores, gained)
+            slopes, theta = self._renewed(slopes, tried, scores, gained), tried
+            if self._is_fresh:
+                self._learn(*before, slopes, theta)
         per_episode = np.array([s.log_density.sum() for s in slopes.scores])
         return Fit(
             self._hypothesis,
@@ -427,6 +458,8 @@ class _Ascent:
 
         Of the form, which is nearly linear, only once the climb is no longer far away.
         """
+        if self._is_fresh:
+            return self.slopes(theta, None, scores)
         if self._moving is not None:
             return self.slopes(theta, (slopes, self._moving), scores)
         self._gained += gained
@@ -437,16 +470,39 @@ class _Ascent:
         return self.slopes(theta, (slopes, np.flatnonzero(due).tolist()), scores)
 
     def _step(self, slopes: Slopes, theta: FloatArray, damping: float) -> tuple[FloatArray, float]:
-        gradient = slopes.gradient().sum(0) - self._precision * (theta - self._centre)
-        curvature = slopes.fisher().sum(0) + np.diag(self._precision)
+        gradient, information = self._gradient(slopes, theta), self._information(slopes)
         low, high = _bounds(self._free)
-        stuck = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
-        gradient = np.where(stuck, 0.0, gradient)
-        curvature[stuck, :] = curvature[:, stuck] = 0.0
-        curvature[stuck, stuck] = 1.0
-        damped = curvature + damping * np.diag(np.diag(curvature))
-        step = _solve(damped, gradient)
+        extra = np.diag(damping * np.diag(information))
+        curvature = information + self._lacking
+        if not _is_convex(curvature + extra):
+            curvature = information
+        step = bounded_step(gradient, curvature + extra, low - theta, high - theta)
         return step, float(gradient @ step - 0.5 * step @ curvature @ step)
+
+    def _learn(
+        self, slopes: Slopes, theta: FloatArray, slopes_there: Slopes, there: FloatArray
+    ) -> None:
+        """How the gradient changed along a step says what the information there lacks."""
+        step = there - theta
+        bend = self._gradient(slopes, theta) - self._gradient(slopes_there, there)
+        missing = bend - self._information(slopes_there) @ step
+        known = abs(float(step @ self._lacking @ step))
+        if known > 0.0:
+            self._lacking *= min(1.0, abs(float(step @ missing)) / known)
+        along = float(bend @ step)
+        if along > 0.0:
+            rest = missing - self._lacking @ step
+            both = np.outer(rest, bend) / along
+            self._lacking += both + both.T - (rest @ step) * np.outer(bend, bend) / along**2
+
+    def _gradient(self, slopes: Slopes, theta: FloatArray) -> FloatArray:
+        """Of the log posterior, (p,)."""
+        gradient = slopes.gradient().sum(0) - self._precision * (theta - self._centre)
+        return np.asarray(gradient)
+
+    def _information(self, slopes: Slopes) -> FloatArray:
+        """Of all episodes and the prior, (p, p)."""
+        return np.asarray(slopes.fisher().sum(0) + np.diag(self._precision))
 
     def _objective(self, scores: Sequence[Score], theta: FloatArray) -> float:
         return sum(float(s.log_density.sum()) for s in scores) + log_prior(self._free, theta)
@@ -518,8 +574,39 @@ def log_prior(free: Sequence[Free], theta: FloatArray) -> float:
     return -0.5 * float(prior_precision(free) @ (theta - neutral(free)) ** 2)
 
 
+def bounded_step(
+    gradient: FloatArray, curvature: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """The step (p,) to the top of a parabola between `low` and `high`, arrays (p,).
+
+    Where a bound stops one parameter the others go as far as that leaves them: cut off by itself, a
+    step along a ridge ends beside it. By active sets (Stark and Parker 1995). No step where slopes
+    are not finite.
+    """
+    if not (np.isfinite(gradient).all() and np.isfinite(curvature).all()):
+        return np.zeros_like(gradient)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    values, vectors = np.linalg.eigh(curvature * scale[:, None] * scale[None, :])
+    told = values > _FLAT * values[-1]
+    root, axes = np.sqrt(values[told]), vectors[:, told].T
+    aim = axes @ (scale * gradient) / root
+    step = axes.T @ (aim / root)
+    low, high = np.minimum(low, 0.0) / scale, np.maximum(high, 0.0) / scale
+    if (step < low).any() or (step > high).any():
+        step = lsq_linear(root[:, None] * axes, aim, (low, high), method="bvls").x
+    return np.asarray(scale * np.clip(step, low, high))
+
+
+def _is_convex(matrix: FloatArray) -> bool:
+    """Whether a symmetric curvature has a top, as far as `_solve` can see it."""
+    scale = np.diag(matrix)
+    if not (scale > 0.0).all():
+        return False
+    return bool(np.linalg.eigvalsh(matrix / np.sqrt(np.outer(scale, scale)))[0] > _FLAT)
+
+
 def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """Solve a symmetric system whose parameters may differ by many orders of magnitude."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
     scaled = matrix * scale[:, None] * scale[None, :]
-    return np.asarray(scale * np.linalg.lstsq(scaled, scale * vector, rcond=1e-10)[0])
+    return np.asarray(scale * np.linalg.lstsq(scaled, scale * vector, rcond=_FLAT)[0])

@@ -14,6 +14,7 @@ from wakedeploy.gap.evidence.inference import (
     FloatArray,
     Score,
     Slopes,
+    bounded_step,
     fit,
     log_prior,
     neutral,
@@ -109,15 +110,8 @@ def _stepped(fitted: Fit, damping: float) -> FloatArray:
     low, high = (np.array([getattr(f, end) for f in free]) for end in ("low", "high"))
     gradient = fitted.slopes.gradient().sum(0) - precision * (theta - neutral(free))
     curvature = fitted.slopes.fisher().sum(0) + np.diag(precision)
-    stuck = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
-    gradient = np.where(stuck, 0.0, gradient)
-    curvature[stuck, :] = curvature[:, stuck] = 0.0
-    curvature[stuck, stuck] = 1.0
     curvature += damping * np.diag(np.diag(curvature))
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-    scaled = curvature * scale[:, None] * scale[None, :]
-    step = scale * np.linalg.lstsq(scaled, scale * gradient, rcond=1e-10)[0]
-    return np.asarray(np.clip(theta + np.nan_to_num(step), low, high))
+    return theta + bounded_step(gradient, curvature, low - theta, high - theta)
 
 
 def fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:

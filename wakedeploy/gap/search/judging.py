@@ -267,23 +267,24 @@ def _judged(
     """Why a candidate is not named, or "accepted".
 
     `begun` and `before` are squared errors of the base and of what was found. A further effect has
-    to matter to the base's, the more so a finer law of a friction that was found: no form is exact,
-    and beside what closed nearly all of a gap every trifle is a large share of the rest.
+    to matter to the base's: no form is exact, and beside what closed nearly all of a gap every
+    trifle is a large share of the rest. A finer law of a friction that was found has to matter more
+    than that; where it does not, whether forecasts get better by it is chance, and it is not asked.
     """
+    known = effect.fit.hypothesis[:-1]
     if effect.gain_nats <= chance:
         return Verdict(effect, CHANCE)
     if is_absent(effect.fit, effect.name):
         return Verdict(effect, NO_SIZE)  # it gains what the fit before it had left to rise
     squares = crossed(model, effect.fit)
     weight = weight_of(before, squares)
+    gained = share_of_gap(begun, before, squares)
     if not is_shared(effect, chance):
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
+    elif gained < RULES.least_share and any(refines(effect.name, n) for n in known):
+        why = REFINES
     elif weight.matters:
-        gained = share_of_gap(begun, before, squares)
-        is_finer = any(refines(effect.name, n) for n in effect.fit.hypothesis)
         why = TRIFLE if gained < RULES.least_of_gap else ACCEPTED
-        if is_finer and gained < RULES.least_share:
-            why = REFINES
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
     return Verdict(effect, why, weight, squares)

@@ -19,6 +19,7 @@ from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
 
 CLIMBED = 6  # candidates that are raced
 _ALIKE, _MOST_ALIKE = 0.6, 4  # cosine of look-alikes, and how many are climbed to the end
+_BOTH_LATE = 0.3  # the same where both make something late: bent constants hide how alike they are
 DRAWS = 200  # of what chance would bring
 _AT_ONCE = 25
 WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
@@ -91,7 +92,8 @@ def _lookalikes(
         is_late = late is not None and any(f.unit == "s" for f, _ in _parameters_of_last(seen.fit))
         if seen is lead or len(found) == _MOST_ALIKE or (known and not is_late):
             continue
-        if seen.promised > 0.0 and _likeness(ground, lead, seen) > _ALIKE:
+        least = _BOTH_LATE if is_late else _ALIKE
+        if seen.promised > 0.0 and _likeness(ground, lead, seen) > least:
             points = [] if known else [seen.fit.theta]
             points += [_at(seen.fit, late)] if is_late and late is not None else []
             so_far = ends.get(seen.name, fitted[seen.name])

@@ -11,7 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, applied, prior_precision
+from wakedeploy.gap.evidence.inference import (
+    Fit,
+    FloatArray,
+    applied,
+    bounded_step,
+    prior_precision,
+)
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, errors
 
@@ -111,14 +117,9 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
     fisher = fitted.slopes.fisher()
     rest = fisher.sum(0) - fisher[places].sum(0) + np.diag(prior_precision(fitted.free))
     low, high = (np.array([getattr(f, end) for f in fitted.free]) for end in ("low", "high"))
-    stuck = (fitted.theta <= low) | (fitted.theta >= high)
-    rest[stuck], rest[:, stuck], gradient[stuck] = 0.0, 0.0, 0.0
-    rest[stuck, stuck] = 1.0
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(rest), 1e-300))
-    scaled = rest * scale[:, None] * scale[None, :]
-    step = -scale * np.linalg.lstsq(scaled, scale * gradient, rcond=1e-10)[0]
+    step = bounded_step(-gradient, rest, low - fitted.theta, high - fitted.theta)
     step *= min(1.0, (_FARTHEST / max(float(step @ rest @ step), 1e-12)) ** 0.5)
-    return np.asarray(np.clip(fitted.theta + step, low, high))
+    return np.asarray(fitted.theta + step)
 
 
 def is_outdone(model: Comparison, fitted: Fit) -> bool:

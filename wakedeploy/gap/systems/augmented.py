@@ -108,7 +108,7 @@ class Acting:
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
         own_rates: dict[str, Any] = {}
-        inputs = self._arriving(inputs, named, values, own_rates)
+        inputs = self._arriving(inputs, named, values, time_s, own_rates)
         driven = Point("input", inputs)
         if self.system.takes_forces and self._smooth:
             rates = self._loaded(named, state, driven, c, values, own_rates)
@@ -201,7 +201,7 @@ class Acting:
         """What the sensors show (m, …)."""
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
-        inputs = self._arriving(inputs, named, values, {})
+        inputs = self._arriving(inputs, named, values, time_s, {})
         readings = self.system.readings(state, Point("input", inputs), c)
         for effect in self._of["output"]:
             kind, name = effect.kind, effect.port.name
@@ -216,23 +216,25 @@ class Acting:
         return result
 
     def _arriving(
-        self, inputs: Arrays, named: Arrays, values: Arrays, own_rates: dict[str, Any]
+        self,
+        inputs: Arrays,
+        named: Arrays,
+        values: Arrays,
+        time_s: FloatArray,
+        own_rates: dict[str, Any],
     ) -> Arrays:
         """Inputs with what reaches the system from before the log; also the rates of that."""
-        arriving = dict(inputs)
+        arriving, dt_s = dict(inputs), 1.0 / self.system.rate_hz
         for effect in self._of["input"]:
             if effect.own_states:
                 kind, mine = effect.kind, tuple(named[n] for n in effect.own_states)
                 assert isinstance(kind, InputKind)
-                rates = kind.own_rates(
-                    mine,
-                    effect.parameters(values),
-                    1.0 / self.system.rate_hz,
-                    self.system.has_step,
-                )
+                p = effect.parameters(values)
+                rates = kind.own_rates(mine, p, dt_s, self.system.has_step)
                 for name, rate in zip(effect.own_states, rates, strict=True):
                     own_rates[name] = self._advanced(named[name], rate)
-                arriving[effect.port.name] = arriving[effect.port.name] + mine[-1]
+                before = kind.from_before(mine, time_s, p, dt_s)
+                arriving[effect.port.name] = arriving[effect.port.name] + before
         return arriving
 
     @property

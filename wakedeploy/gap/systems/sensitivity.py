@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, neutral, prior_precision
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, prior_precision
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
@@ -24,6 +24,7 @@ from wakedeploy.gap.wording import counted, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
 _AHEAD, _FINER, _PLACES = 10, 4, 1000  # samples on, steps for one, places that are tried
+_AT_REST_NATS = 1e-3  # a fit's last step promises less
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
 
 
@@ -38,9 +39,9 @@ class Row:
 
 
 def checked_base(model: LogModel) -> Fit:
-    """Noise alone fitted roughly: constants stay as they are stated."""
-    episodes = range(model.episodes)
-    return fit(model, (), episodes, neutral(model.free(())))
+    """The system as it is stated, fitted until two processors agree on the table's third digit."""
+    begun = fit(model, (), range(model.episodes))
+    return fit(model, (), begun.episodes, begun.theta, enough_nats=_AT_REST_NATS)
 
 
 def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:

@@ -2,7 +2,8 @@
 
 Each maps a whole column (n,) to another; the log's sample time is `dt_s`. What they act on was
 measured, so they need no state in the filter, but for what came before the log: an input that was
-moving then reaches the system from where no column says. A lag adds states for that, which decay.
+moving then reaches the system from where no column says. What is late adds states for that: those
+of a lag decay, that of a dead time ends with it.
 """
 
 import numpy as np
@@ -26,11 +27,14 @@ class InputKind(Kind):
     def own_rates(
         self, own_states: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
-        """Derivatives of the kind's own states; the last is added to the column.
-
-        Of a `discrete` system, means over a sample of `dt_s`.
-        """
+        """Derivatives of the kind's own states; of a `discrete` system, means over a sample."""
         return ()
+
+    def from_before(
+        self, own_states: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters, dt_s: float
+    ) -> FloatArray:
+        """What they add to the column, so long after the log began."""
+        return own_states[-1]
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
         """How far the kind's own states may be from 0 where a logged column (n,) begins, as sd."""
@@ -48,6 +52,7 @@ class DeadTime(InputKind):
     phrase = "a delay before {port} acts"
     equation = "u(t − delay)"
     source = _LJUNG
+    own_states = 1
     parameters = (
         Parameter("delay_s", {"time": 1}, low=0.0, high=200.0, starts=(1.0, 3.0, 10.0, 30.0),
                   step=0.02, prior=30.0),
@@ -56,6 +61,26 @@ class DeadTime(InputKind):
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """The column, later by a time that need not be whole samples."""
         return shifted(column, p["delay_s"] / dt_s)
+
+    def own_rates(
+        self, own_states: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
+    ) -> tuple[FloatArray, ...]:
+        """None: what was commanded last before the log acts until its first command does."""
+        return (np.zeros_like(own_states[0]),)
+
+    def from_before(
+        self, own_states: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters, dt_s: float
+    ) -> FloatArray:
+        """How far that is from the first command, as long as it acts; its mean over a sample."""
+        return np.asarray(own_states[0] * np.clip((p["delay_s"] - time_s) / dt_s, 0.0, 1.0))
+
+    def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
+        """As far as commands go in the whole log: many a script begins with a step."""
+        return float(np.sqrt(np.mean((column - column[0]) ** 2)))
+
+    def remaining(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """All, until the first command acts."""
+        return np.asarray(np.where(since_s < p["delay_s"], 1.0, 0.0))
 
 
 class Lag(InputKind):
