@@ -210,6 +210,40 @@ def test_what_makes_forecasts_of_sealed_episodes_worse_is_withdrawn():
     assert any(UNSEEN_WORSE in line for line in sentences(answer_of(told)))
 
 
+class LateSlider(Slider):
+    """Its input may come late in two ways."""
+
+    ports: ClassVar = [Port.input("force_n", kinds=["dead-time", "lag"])]
+
+
+@pytest.mark.parametrize("refused", [1, 2])
+def test_the_search_goes_on_once_without_what_sealed_episodes_refuse(
+    refused, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The input comes late; where its dead time is refused, what is like it has its turn."""
+    rng = np.random.default_rng(5)
+    force = np.repeat(rng.uniform(-4.0, 4.0, 100), 8)
+    late = np.concatenate([np.zeros(5), force[:-5]])
+    speed = np.concatenate([[0.0], np.cumsum(late[:-1]) / 2.0 / RATE])
+    columns = {"force_n": force, "speed_mps": speed + 2e-3 * rng.standard_normal(len(force))}
+    model = LogModel(LateSlider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+    asked = []
+
+    def helps(model, without, found, sealed) -> bool:
+        asked.append(found.hypothesis)
+        return len(asked) > refused
+
+    monkeypatch.setattr(judging, "helps", helps)
+    monkeypatch.setattr(judging, "asked_far_ahead", lambda model: None)
+    monkeypatch.setattr(judging, "begun_anew", lambda *given: {})
+    told = named(model, fitted_base(model))
+    assert asked[0] == ("dead-time@force_n",)
+    assert len(asked) == 2
+    assert "dead-time@force_n" not in asked[1]
+    assert told.found.hypothesis == (asked[1] if refused == 1 else ())
+    assert [r["given"] for r in told.rounds].count([]) == (2 if refused == 1 else 1)
+
+
 def test_blocks_that_all_gain_are_steady_however_much_their_gains_differ():
     few_gain_most = np.array([0.4, 60.0, 1.1, 0.3, 30.0, 2.0])
     assert is_steady(few_gain_most)

@@ -81,6 +81,7 @@ class Named:
     alone: tuple[Candidate, ...] = ()  # every effect without any other
     is_outdone: bool = False
     is_far_ahead: bool = False
+    withdrawn: tuple[str, ...] = ()  # named once, and not borne out by sealed episodes
 
 
 def fitted_base(model: Comparison) -> Fit:
@@ -182,7 +183,23 @@ def _searched(
     anew: Mapping[str, Fit] = NOTHING,
 ) -> Named:
     """What is named on top of a base, candidates beginning there or where `anew` has them."""
-    part = searched_on(model)
+    outcome = _found(model, base, outcome, progress, anew)
+    needed = any(weight.low > RULES.surely_share for weight in outcome.weights.values())
+    if not needed and is_outdone(model, outcome.found):
+        outcome = replace(outcome, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
+    acting = getattr(model, "leftovers", None)
+    return outcome if acting is None else replace(outcome, leftover=acting(outcome.found))
+
+
+def _found(
+    model: Comparison, base: Fit, start: Named, progress: Progress, anew: Mapping[str, Fit]
+) -> Named:
+    """What is named and borne out; where nothing is, once more without what was withdrawn.
+
+    One effect may fit too well what a few episodes show, and hide another that all of them bear
+    out.
+    """
+    part, outcome = searched_on(model), start
     while len(outcome.found.hypothesis) < RULES.most_effects:
         further = _round(part, outcome, progress, anew)
         if further is None:
@@ -192,12 +209,15 @@ def _searched(
     if part is not model:
         progress("fitting what was found to all samples")
         outcome = _on_all(model, base, outcome)
-    outcome = _borne_out(model, _with_sizes(model, outcome))
-    needed = any(weight.low > RULES.surely_share for weight in outcome.weights.values())
-    if not needed and is_outdone(model, outcome.found):
-        outcome = replace(outcome, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
-    acting = getattr(model, "leftovers", None)
-    return outcome if acting is None else replace(outcome, leftover=acting(outcome.found))
+    sized = _with_sizes(model, outcome)
+    outcome = _borne_out(model, sized)
+    withdrawn = sized.found.hypothesis
+    if outcome.found.hypothesis or not withdrawn or start.withdrawn:
+        return outcome
+    rounds, alone = list(outcome.rounds), outcome.alone
+    start = replace(start, rounds=rounds, alone=alone, withdrawn=withdrawn)
+    again = _found(model, base, start, progress, {})
+    return again if again.found.hypothesis else outcome
 
 
 def _on_all(model: Comparison, base: Fit, outcome: Named) -> Named:
@@ -239,7 +259,8 @@ def _judged_round(
     anew: Mapping[str, Fit] = NOTHING,
 ) -> list[Verdict]:
     """Every candidate on top of a fit, best first, judged; written into the rounds."""
-    untried = [n for n in model.effects if n not in found.hypothesis]
+    excluded = {*found.hypothesis, *outcome.withdrawn}
+    untried = [n for n in model.effects if n not in excluded]
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
     stage = f"ranking effects{beside}"
     progress(stage)
