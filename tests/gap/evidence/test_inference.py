@@ -4,7 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from linear_model import EPISODES, Linear
+from scipy.optimize import minimize
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
@@ -19,6 +22,7 @@ from wakedeploy.gap.evidence.inference import (
     neutral,
     settled,
     slopes_at,
+    top_within,
 )
 
 EVERY = range(EPISODES)
@@ -46,6 +50,46 @@ def test_a_fit_ends_as_near_as_it_is_told_to() -> None:
     for enough_nats in (1e-3, 1e-6):
         away = fit(model, ("a",), EVERY, enough_nats=enough_nats).theta - mean
         assert 0.5 * away @ np.linalg.solve(covariance, away) < enough_nats
+
+
+@given(seed=st.integers(0, 2**32 - 1), size=st.integers(1, 6))
+def test_the_top_within_bounds_is_one(seed: int, size: int) -> None:
+    """Against a general solver, ridges and scales of many orders included."""
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.uniform(-4.0, 4.0, size)
+    root = rng.standard_normal((size, size)) * 10.0 ** rng.uniform(-2.0, 0.0, size)[:, None]
+    curvature = (root.T @ root + 1e-4 * np.eye(size)) * scale[:, None] * scale[None, :]
+    gradient, theta = scale * rng.standard_normal(size), rng.standard_normal(size) / scale
+    low, high = (theta + sign * rng.uniform(0.0, 2.0, size) / scale for sign in (-1.0, 1.0))
+    low = np.where(rng.random(size) < 0.2, theta, low)
+    high = np.where(rng.random(size) < 0.2, theta, high)
+    top = top_within(theta, gradient, curvature, low, high)
+    assert ((low <= top) & (top <= high)).all()
+
+    def below(step):
+        return 0.5 * step @ curvature @ step - gradient @ step
+
+    best = minimize(
+        lambda at: below(at / scale),
+        np.zeros(size),
+        jac=lambda at: (curvature @ (at / scale) - gradient) / scale,
+        bounds=list(zip((low - theta) * scale, (high - theta) * scale, strict=True)),
+        method="L-BFGS-B",
+        options={"ftol": 1e-15, "gtol": 1e-10, "maxiter": 5000},
+    )
+    assert below(top - theta) <= best.fun + 1e-6 * max(1.0, abs(best.fun))
+    for end in (low, high):  # what is stopped is so to the last digit
+        assert (top == end)[np.abs(top - end) * scale < 1e-12].all()
+
+
+def test_what_is_not_finite_or_has_no_room_stays() -> None:
+    theta, high = np.array([0.1, 0.2]), np.array([0.1, 3.0])
+    top = top_within(theta, np.ones(2), np.eye(2), theta, high)
+    np.testing.assert_allclose(top, [0.1, 1.2])
+    for gradient in (np.array([np.nan, 1.0]), np.array([1.0, np.inf])):
+        assert (top_within(theta, gradient, np.eye(2), theta - 1.0, high) == theta).all()
+    nothing = np.zeros(0)
+    assert top_within(nothing, nothing, np.zeros((0, 0)), nothing, nothing).size == 0
 
 
 @pytest.mark.parametrize(

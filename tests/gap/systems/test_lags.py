@@ -100,16 +100,19 @@ def test_a_script_that_begins_with_a_step_does_not_hide_that_its_commands_act_la
     assert float(np.sqrt(np.mean(first.white**2))) < 1.2 * loudest
 
 
+@pytest.mark.parametrize("clock_s", [-0.02, 0.0, 0.02])
 @pytest.mark.parametrize("late_s", [0.0, 0.03, 0.05, 0.13])
-def test_a_dead_time_knows_what_was_on_its_way(late_s):
+def test_a_dead_time_knows_what_was_on_its_way(late_s, clock_s):
     """Its column and its state together, against a column that began long before."""
     dt_s, p, kind = 0.05, {"delay_s": late_s}, DeadTime()
     whole = np.concatenate([np.full(9, 2.0), [5.0, 4.0, 7.0, 1.0, 3.0]])
-    known = kind.filtered(whole, p, dt_s)[9:]
-    times = dt_s * np.arange(5)
-    before = kind.from_before((np.full(5, 2.0 - 5.0),), times, p, dt_s)
-    np.testing.assert_allclose(kind.filtered(whole[9:], p, dt_s) + before, known, atol=1e-12)
-    assert (kind.remaining(times, p, dt_s) > 0.0).tolist() == (before != 0.0).tolist()
+    both = {"delay_s": late_s + clock_s}  # a clock makes the column later, as a dead time does
+    known = kind.filtered(whole, both, dt_s)[9:]
+    since_s = dt_s * np.arange(5) - clock_s
+    before = kind.from_before((np.full(5, 2.0 - 5.0),), since_s, p, dt_s)
+    if late_s + clock_s >= 0.0:
+        np.testing.assert_allclose(kind.filtered(whole[9:], both, dt_s) + before, known, atol=1e-12)
+    assert (kind.remaining(since_s, p, dt_s) > 0.0).tolist() == (before != 0.0).tolist()
     assert kind.unsettled(whole[9:], p, dt_s) > 1.0  # as far as commands go at all
     assert kind.unsettled(np.full(5, 3.0), p, dt_s) == 0.0
 

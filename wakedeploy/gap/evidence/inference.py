@@ -30,7 +30,7 @@ _SETTLED_NATS, _FORM_SETTLED_NATS, _FAR_NATS = 2.0, 20.0, 200.0
 # A climb that slows to steps of so many nats is given up where it promises, times the optimism,
 # less than what it has to reach. Faster ones come from far away, where promises are too small.
 _SLOW_NATS, _OPTIMISM = 30.0, 3.0
-_FLAT = 1e-10  # an eigenvalue of a scaled curvature that is nothing but rounding
+_FLAT = 1e-10  # of a scaled curvature or step, what is nothing but rounding
 _RISEN_NATS, _MOST_REFITS = 0.1, 4  # what a repeated fit may rise by, and how often it is repeated
 _AT_REST_SD = 0.1  # a size that a repeated fit moves by less has come to rest
 
@@ -271,9 +271,8 @@ def fit(
     `start` (p,) is where to begin (the neutral values if None). `slopes`, if they are known there,
     save a round; with `moving`, only those parameters' slopes are renewed on the way, which is
     enough to tell a contender from the rest. A climb that will not come to an objective of `least`
-    is given up, not converged. With `enough_nats` a climb ends where a step promises less than
-    that, all slopes renewed at every step: where it ends then depends neither on where it began nor
-    on how a processor rounds.
+    is given up, not converged. With `enough_nats` all slopes are renewed at every step, and a climb
+    that converges is within about as much of a summit.
     """
     free = model.free(hypothesis)
     theta = neutral(free) if start is None else np.clip(start, *_bounds(free))
@@ -302,7 +301,9 @@ def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
 def _moved_sd(before: Fit, after: Fit) -> float:
     """How far the effects' parameters went, in standard errors: the one that went farthest."""
     sizes = [n for n in after.names if n.startswith(tuple(f"{e}." for e in after.hypothesis))]
-    moved = (abs(after.value(n) - before.value(n)) / after.standard_error(n) for n in sizes)
+    moved = (
+        abs(after.value(n) - before.value(n)) / max(after.standard_error(n), 1e-300) for n in sizes
+    )
     return max(moved, default=0.0)
 
 
@@ -421,13 +422,12 @@ class _Ascent:
         value = self._objective(slopes.scores, theta)
         damping, converged, gained = 1e-3, False, np.inf
         for _ in range(_ITERATIONS):
-            step, promised = self._step(slopes, theta, damping)
+            tried, promised = self._tried(slopes, theta, damping)
             if promised < self._enough_nats:
                 converged = True
                 break
             if gained < _SLOW_NATS and value + _OPTIMISM * promised < self._least:
                 break
-            tried = theta + step
             scores = self._scores(tried)
             reached = self._objective(scores, tried)
             if not reached > value:
@@ -469,15 +469,17 @@ class _Ascent:
         self._gained[due] = 0.0
         return self.slopes(theta, (slopes, np.flatnonzero(due).tolist()), scores)
 
-    def _step(self, slopes: Slopes, theta: FloatArray, damping: float) -> tuple[FloatArray, float]:
+    def _tried(self, slopes: Slopes, theta: FloatArray, damping: float) -> tuple[FloatArray, float]:
+        """Where a step leads, (p,), and the nats that it promises."""
         gradient, information = self._gradient(slopes, theta), self._information(slopes)
         low, high = _bounds(self._free)
         extra = np.diag(damping * np.diag(information))
-        curvature = information + self._lacking
-        if not _is_convex(curvature + extra):
-            curvature = information
-        step = bounded_step(gradient, curvature + extra, low - theta, high - theta)
-        return step, float(gradient @ step - 0.5 * step @ curvature @ step)
+        curvature = information
+        if self._is_fresh and _is_convex(information + self._lacking + extra):
+            curvature = information + self._lacking
+        tried = top_within(theta, gradient, curvature + extra, low, high)
+        step = tried - theta
+        return tried, float(gradient @ step - 0.5 * step @ curvature @ step)
 
     def _learn(
         self, slopes: Slopes, theta: FloatArray, slopes_there: Slopes, there: FloatArray
@@ -574,31 +576,42 @@ def log_prior(free: Sequence[Free], theta: FloatArray) -> float:
     return -0.5 * float(prior_precision(free) @ (theta - neutral(free)) ** 2)
 
 
-def bounded_step(
-    gradient: FloatArray, curvature: FloatArray, low: FloatArray, high: FloatArray
+def top_within(
+    theta: FloatArray,
+    gradient: FloatArray,
+    curvature: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
 ) -> FloatArray:
-    """The step (p,) to the top of a parabola between `low` and `high`, arrays (p,).
+    """The top (p,) of a parabola around `theta` (p,) between bounds, arrays (p,).
 
     Where a bound stops one parameter the others go as far as that leaves them: cut off by itself, a
-    step along a ridge ends beside it. By active sets (Stark and Parker 1995). No step where slopes
-    are not finite.
+    step along a ridge ends beside it. By active sets (Stark and Parker 1995). What a bound stops is
+    at it to the last digit. What has no room stays, and everything where slopes are not finite.
     """
-    if not (np.isfinite(gradient).all() and np.isfinite(curvature).all()):
-        return np.zeros_like(gradient)
+    top, free = theta.copy(), np.flatnonzero(low < high)
+    theta, gradient, curvature = theta[free], gradient[free], curvature[np.ix_(free, free)]
+    if not (len(free) and np.isfinite(gradient).all() and np.isfinite(curvature).all()):
+        return top
+    low, high = low[free], high[free]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     values, vectors = np.linalg.eigh(curvature * scale[:, None] * scale[None, :])
     told = values > _FLAT * values[-1]
     root, axes = np.sqrt(values[told]), vectors[:, told].T
     aim = axes @ (scale * gradient) / root
     step = axes.T @ (aim / root)
-    low, high = np.minimum(low, 0.0) / scale, np.maximum(high, 0.0) / scale
-    if (step < low).any() or (step > high).any():
-        step = lsq_linear(root[:, None] * axes, aim, (low, high), method="bvls").x
-    return np.asarray(scale * np.clip(step, low, high))
+    lowest = np.minimum(low - theta, 0.0) / scale
+    highest = np.maximum(high - theta, 0.0) / scale
+    if (step < lowest).any() or (step > highest).any():
+        step = lsq_linear(root[:, None] * axes, aim, (lowest, highest), method="bvls").x
+    moved = np.clip(theta + scale * step, low, high)
+    is_low, is_high = step < lowest + _FLAT, step > highest - _FLAT
+    top[free] = np.where(is_low, low, np.where(is_high, high, moved))
+    return top
 
 
 def _is_convex(matrix: FloatArray) -> bool:
-    """Whether a symmetric curvature has a top, as far as `_solve` can see it."""
+    """Whether a parabola of this symmetric curvature has a top."""
     scale = np.diag(matrix)
     if not (scale > 0.0).all():
         return False

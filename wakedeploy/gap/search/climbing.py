@@ -14,13 +14,13 @@ from wakedeploy.gap.evidence.inference import (
     FloatArray,
     Score,
     Slopes,
-    bounded_step,
     fit,
     log_prior,
     neutral,
     prior_precision,
     scores_of,
     settled,
+    top_within,
 )
 from wakedeploy.gap.search.comparison import Comparison
 
@@ -111,7 +111,7 @@ def _stepped(fitted: Fit, damping: float) -> FloatArray:
     gradient = fitted.slopes.gradient().sum(0) - precision * (theta - neutral(free))
     curvature = fitted.slopes.fisher().sum(0) + np.diag(precision)
     curvature += damping * np.diag(np.diag(curvature))
-    return theta + bounded_step(gradient, curvature, low - theta, high - theta)
+    return top_within(theta, gradient, curvature, low, high)
 
 
 def fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:

@@ -5,10 +5,12 @@ and what still acts on the system that nothing named explains.
 
 An effect is evident if it gains more than chance on blocks that it was not fitted to, in more than
 one of them. It matters if forecasts of the blocks get better by it, each with parameters that other
-blocks prefer. Sealed blocks choose nothing; they only withdraw what they do not bear out. One that
-does not matter does not end the search: the next one is tried, and a pair with it.
+blocks prefer. Sealed blocks rank nothing; they only withdraw what they do not bear out, and where
+nothing is left of an answer the others rank once more without it. One that does not matter does not
+end the search: the next one is tried, and a pair with it.
 """
 
+import copy
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -214,7 +216,7 @@ def _found(
     withdrawn = sized.found.hypothesis
     if outcome.found.hypothesis or not withdrawn or start.withdrawn:
         return outcome
-    rounds, alone = list(outcome.rounds), outcome.alone
+    rounds, alone = copy.deepcopy(outcome.rounds), outcome.alone
     start = replace(start, rounds=rounds, alone=alone, withdrawn=withdrawn)
     again = _found(model, base, start, progress, {})
     return again if again.found.hypothesis else outcome
@@ -290,7 +292,7 @@ def _judged(
     `begun` and `before` are squared errors of the base and of what was found. A further effect has
     to matter to the base's: no form is exact, and beside what closed nearly all of a gap every
     trifle is a large share of the rest. A finer law of a friction that was found has to matter more
-    than that; where it does not, whether forecasts get better by it is chance, and it is not asked.
+    than that; where it does not, whether forecasts get better by it is chance and says nothing.
     """
     known = effect.fit.hypothesis[:-1]
     if effect.gain_nats <= chance:

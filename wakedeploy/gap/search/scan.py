@@ -86,19 +86,22 @@ def _lookalikes(
     best = max(ends, key=lambda n: ends[n].objective)
     lead = next(seen for seen in order if seen.name == best)
     late = next((v for f, v in _parameters_of_last(ends[best]) if f.unit == "s"), None)
-    found: dict[str, Fit] = {}
+    alike = []
     for seen in order:
         known = seen.name in ends
         is_late = late is not None and any(f.unit == "s" for f, _ in _parameters_of_last(seen.fit))
-        if seen is lead or len(found) == _MOST_ALIKE or (known and not is_late):
+        if seen is lead or (known and not is_late) or not seen.promised > 0.0:
             continue
-        least = _BOTH_LATE if is_late else _ALIKE
-        if seen.promised > 0.0 and _likeness(ground, lead, seen) > least:
+        likeness = _likeness(ground, lead, seen)
+        if likeness > (_BOTH_LATE if is_late else _ALIKE):
             points = [] if known else [seen.fit.theta]
             points += [_at(seen.fit, late)] if is_late and late is not None else []
-            so_far = ends.get(seen.name, fitted[seen.name])
-            found[seen.name] = to_the_end(model, ground.base, points, so_far)
-    return found
+            alike.append((likeness, seen.name, points))
+    alike.sort(key=lambda each: -each[0])
+    return {
+        name: to_the_end(model, ground.base, points, ends.get(name, fitted[name]))
+        for _, name, points in alike[:_MOST_ALIKE]
+    }
 
 
 def _parameters_of_last(fitted: Fit) -> list[tuple[Free, float]]:

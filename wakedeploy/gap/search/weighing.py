@@ -15,8 +15,8 @@ from wakedeploy.gap.evidence.inference import (
     Fit,
     FloatArray,
     applied,
-    bounded_step,
     prior_precision,
+    top_within,
 )
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, errors
@@ -117,9 +117,12 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
     fisher = fitted.slopes.fisher()
     rest = fisher.sum(0) - fisher[places].sum(0) + np.diag(prior_precision(fitted.free))
     low, high = (np.array([getattr(f, end) for f in fitted.free]) for end in ("low", "high"))
-    step = bounded_step(-gradient, rest, low - fitted.theta, high - fitted.theta)
-    step *= min(1.0, (_FARTHEST / max(float(step @ rest @ step), 1e-12)) ** 0.5)
-    return np.asarray(fitted.theta + step)
+    stuck = (fitted.theta <= low) | (fitted.theta >= high)  # at its bound one follows no episode
+    low, high = (np.where(stuck, fitted.theta, end) for end in (low, high))
+    top = top_within(fitted.theta, -gradient, rest, low, high)
+    step = top - fitted.theta
+    share = (_FARTHEST / max(float(step @ rest @ step), 1e-12)) ** 0.5
+    return top if share >= 1.0 else np.asarray(fitted.theta + share * step)
 
 
 def is_outdone(model: Comparison, fitted: Fit) -> bool:

@@ -223,7 +223,10 @@ class Acting:
         time_s: FloatArray,
         own_rates: dict[str, Any],
     ) -> Arrays:
-        """Inputs with what reaches the system from before the log; also the rates of that."""
+        """Inputs with what reaches the system from before the log; also the rates of that.
+
+        An input's effects are a chain; what was on its way in one does not pass those after it.
+        """
         arriving, dt_s = dict(inputs), 1.0 / self.system.rate_hz
         for effect in self._of["input"]:
             if effect.own_states:
@@ -233,8 +236,9 @@ class Acting:
                 rates = kind.own_rates(mine, p, dt_s, self.system.has_step)
                 for name, rate in zip(effect.own_states, rates, strict=True):
                     own_rates[name] = self._advanced(named[name], rate)
-                before = kind.from_before(mine, time_s, p, dt_s)
-                arriving[effect.port.name] = arriving[effect.port.name] + before
+                name = effect.port.name
+                since_s = time_s - values.get(f"clock.{name}", 0.0)
+                arriving[name] = arriving[name] + kind.from_before(mine, since_s, p, dt_s)
         return arriving
 
     @property

@@ -240,6 +240,8 @@ class Filter:
             t = t0 + step + 1
             inside = (t <= last) & run.pieces.scored[np.minimum(t, last), s0]
             sample = run.pieces.sample[np.minimum(t, last), s0]
+            time_s = (sample * dt_s)[None, :]
+            c = acting.constants(spread, time_s)
             here = sample + self._offset[run.pieces.log[s0]]
             u = {n: columns[i][set_of, steps * here][None, :] for i, n in enumerate(names)}
             shown = acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0]
@@ -340,7 +342,6 @@ class Filter:
     ) -> dict[str, FloatArray]:
         """Sd (L,) of what reaches the system from before its log, where each lane begins."""
         dt_s, count = 1.0 / acting.system.rate_hz, len(next(iter(values.values())))
-        since_s = pieces.sample[0] * dt_s
         found: dict[str, FloatArray] = {}
         for effect in acting.effects:
             kind = effect.kind
@@ -348,10 +349,12 @@ class Filter:
                 continue
             row = [i.name for i in acting.system.inputs].index(effect.port.name)
             columns = np.split(self._inputs[row], self._offset[1:-1])
-            sd = np.empty((count, len(since_s)))
+            sd = np.empty((count, pieces.sample.shape[1]))
             for k in range(count):
                 parameters = effect.parameters({n: v[k] for n, v in values.items()})
                 at_start = np.array([kind.unsettled(c, parameters, dt_s) for c in columns])
+                clock = values.get(f"clock.{effect.port.name}")
+                since_s = pieces.sample[0] * dt_s - (0.0 if clock is None else clock[k])
                 sd[k] = at_start[pieces.log] * kind.remaining(since_s, parameters, dt_s)
             found |= dict.fromkeys(effect.own_states, sd.reshape(-1))
         return found

@@ -39,7 +39,7 @@ class Row:
 
 
 def checked_base(model: LogModel) -> Fit:
-    """The system as it is stated, fitted until two processors agree on the table's third digit."""
+    """Noise and constants fitted, to the end: the table's third digit is to be no accident."""
     begun = fit(model, (), range(model.episodes))
     return fit(model, (), begun.episodes, begun.theta, enough_nats=_AT_REST_NATS)
 

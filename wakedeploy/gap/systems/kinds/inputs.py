@@ -31,7 +31,7 @@ class InputKind(Kind):
         return ()
 
     def from_before(
-        self, own_states: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters, dt_s: float
+        self, own_states: tuple[FloatArray, ...], since_s: FloatArray, p: Parameters, dt_s: float
     ) -> FloatArray:
         """What they add to the column, so long after the log began."""
         return own_states[-1]
@@ -69,10 +69,10 @@ class DeadTime(InputKind):
         return (np.zeros_like(own_states[0]),)
 
     def from_before(
-        self, own_states: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters, dt_s: float
+        self, own_states: tuple[FloatArray, ...], since_s: FloatArray, p: Parameters, dt_s: float
     ) -> FloatArray:
         """How far that is from the first command, as long as it acts; its mean over a sample."""
-        return np.asarray(own_states[0] * np.clip((p["delay_s"] - time_s) / dt_s, 0.0, 1.0))
+        return np.asarray(own_states[0] * np.clip((p["delay_s"] - since_s) / dt_s, 0.0, 1.0))
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
         """As far as commands go in the whole log: many a script begins with a step."""
