@@ -52,6 +52,27 @@ def test_a_fit_ends_as_near_as_it_is_told_to() -> None:
         assert 0.5 * away @ np.linalg.solve(covariance, away) < enough_nats
 
 
+class LargeResiduals:
+    """Residuals of which a straight line knows a fiftieth of the curvature (Fletcher's example)."""
+
+    episodes = 1
+
+    def free(self, hypothesis):
+        return tuple(Free(n, "1", 0.0, np.inf, -5.0, 5.0, 1e-6) for n in "xy")
+
+    def score(self, hypothesis, theta, episode):
+        pairs = [(at + 1.0, -50.0 * at**2 + at - 1.0) for at in theta]
+        rest = 20.0 * np.array([*sum(pairs, ()), theta.sum()])
+        return Score(norm.logpdf(rest), rest, np.ones(5), np.ones(5))
+
+
+def test_a_climb_with_fresh_slopes_learns_the_curvature_that_it_lacks() -> None:
+    """The top is at 0 in closed form; without learning a climb swings about it to its last step."""
+    fitted = fit(LargeResiduals(), (), (0,), np.array([0.3, -0.2]), enough_nats=1e-7)
+    assert fitted.converged
+    assert np.abs(fitted.theta).max() < 1e-5
+
+
 @given(seed=st.integers(0, 2**32 - 1), size=st.integers(1, 6))
 def test_the_top_within_bounds_is_one(seed: int, size: int) -> None:
     """Against a general solver, ridges and scales of many orders included."""

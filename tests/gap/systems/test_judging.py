@@ -5,10 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from linear_model import EPISODES, Linear
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
+from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes, fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search import judging, scan, weighing
@@ -405,6 +406,30 @@ def test_without_a_block_a_mean_is_the_mean_of_the_others():
     free = (Free("mean", "1", 0.0, np.inf, -9.0, 9.0, 1e-3),)
     fitted = Fit((), free, (0, 1, 2), np.array([mean]), slopes, np.zeros(3))
     assert without(fitted, [2]) == pytest.approx([np.mean(blocks[:2])])
+
+
+@pytest.mark.parametrize("episode", range(EPISODES))
+def test_without_a_block_others_follow_what_a_bound_stops(episode):
+    """Against the closed form of the others' posterior, maximised between bounds."""
+    hypothesis, free_of = ("a", "b"), Linear({"a": 0.6})
+    mean = free_of.posterior(hypothesis)[0]
+    there, covariance = free_of.posterior(hypothesis, left_out=episode)
+    at = 2  # the size of a, which goes half of its way and no farther
+    way = sorted([mean[at], 0.5 * (mean[at] + there[at])])
+    low, high = way[0] - 1e-3 * (there[at] > mean[at]), way[1] + 1e-3 * (there[at] < mean[at])
+    model = Linear({"a": 0.6}, bounds={"a": (low, high)})
+    fitted = fit(model, hypothesis, range(EPISODES), mean, enough_nats=1e-9)
+    told = without(fitted, [episode])
+    stopped = low if there[at] < mean[at] else high
+    assert told[at] == pytest.approx(stopped, abs=1e-6)
+    follow = covariance[:, at] / covariance[at, at] * (stopped - there[at])
+    assert told == pytest.approx(there + follow, abs=2e-3)
+
+
+def test_what_is_at_its_bound_stays_there_without_a_block():
+    model = Linear({"a": 0.6}, bounds={"a": (-50.0, 0.4)})
+    fitted = fit(model, ("a",), range(EPISODES), enough_nats=1e-9)
+    assert [without(fitted, [e])[2] for e in range(EPISODES)] == [0.4] * EPISODES
 
 
 def test_bumps_are_gaussians():
