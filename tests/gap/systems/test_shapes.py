@@ -12,6 +12,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.search.scan import ranked
+from wakedeploy.gap.systems.augmented import BUMPS, FORM_MOST, Acting
 from wakedeploy.gap.systems.correction import (
     correction_of,
     read_correction,
@@ -228,3 +229,25 @@ def test_a_correction_keeps_the_ends_of_the_way_and_refuses_a_size_below_zero(tm
     assert path.read_text() != text
     with pytest.raises(UnusableInput, match="the size of position_m is"):
         read_correction(path, "Middle")
+
+
+class Carrying(Carriage):
+    """The same, whose motor may push by itself, too."""
+
+    ports: ClassVar = [Port.input("force_n"), *Carriage.ports]
+
+
+def test_two_forces_that_cancel_give_a_wrong_form_nothing_to_act_on():
+    """A wrong form is a share of all that acts, so it is 5 % of nothing where nothing is left."""
+    model = LogModel(Carrying(), [recorded(lambda x, v: 0.0)])
+    form = {f"form.speed_mps.{k}": (-1) ** k * FORM_MOST for k in range(len(BUMPS))}
+    pushes = {"offset@speed_mps.force": 500.0, "bias@force_n.bias": -500.0}
+    names = ["offset@speed_mps", "bias@force_n"]
+    states = []
+    for effects, added in (([], {}), (names, pushes)):
+        acting = Acting(
+            model.system, [model.library[n] for n in effects], model.sizes, form=["speed_mps"]
+        )
+        values = {n: np.array([v]) for n, v in (form | added).items()}
+        states.append(model.filter.free_run(acting, values)[0])
+    assert states[1] == pytest.approx(states[0], abs=1e-9)

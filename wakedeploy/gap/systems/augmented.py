@@ -115,12 +115,14 @@ class Acting:
         else:
             rates = self.system.rates(state, driven, c)
         base = dict(rates)
-        for name in self.form:
-            rates[name] = rates[name] + self._form(name, named, rates, values)
         for effect in () if self.system.takes_forces else self._smooth:
             self._force(effect, named, base, inputs, c, values, rates, own_rates)
         for effect in self._of["custom"]:
             self._custom(effect, state, driven, values, time_s, rates)
+        # A share of all that acts: of the system's own rate alone, two forces that cancel would
+        # give the share a force of any size to act on.
+        for name in self.form:
+            rates[name] = rates[name] + self._form(name, named, rates, values)
         if self._of["output"]:
             self._sensed(state, driven, c, values, named, own_rates)
         result = np.empty_like(x)
