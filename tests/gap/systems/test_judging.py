@@ -440,14 +440,19 @@ def test_bumps_are_gaussians():
     assert bumped(at, sizes, centres, 0.75, 6.0) == pytest.approx((sizes * each).sum(1))
 
 
-@pytest.mark.parametrize(("rival", "left"), [("c", ("b", "c")), ("d", None)])
-def test_a_class_is_narrowed_by_its_own_members_only(monkeypatch, rival, left):
-    """Beside A, of which A, B and C are the class, B is found, which has a rival."""
+@pytest.fixture
+def settling(monkeypatch):
+    """Nothing is fitted again, and everything is something."""
     monkeypatch.setattr(judging, "settled", lambda model, fit: (fit, True))
     monkeypatch.setattr(judging, "candidate", lambda base, name, fit: name)
     monkeypatch.setattr(judging, "_is_something", lambda effect, chance: True)
     for stub in ("parameters", "least_squares", "errors"):
         monkeypatch.setattr(judging, stub, lambda *given: {})
+
+
+@pytest.mark.parametrize(("rival", "left"), [("c", ("b", "c")), ("d", None)])
+def test_a_class_is_narrowed_by_its_own_members_only(settling, rival, left):
+    """Beside A, of which A, B and C are the class, B is found, which has a rival."""
     fitted = SimpleNamespace(hypothesis=("a", "b"))
     outcome = Named(
         None, None, None, [{"threshold_nats": 1.0, "ranking": []}], rivals=("a", "b", "c")
@@ -474,3 +479,17 @@ def test_sealed_blocks_say_with_the_others_whether_no_model_forecasts_better(
         held=lambda episodes: [[np.full((1, 198), (s / 2.0) ** 0.5)] * 2 for s in (1.0, 9.0)],
     )
     assert is_outdone(model, SimpleNamespace(episodes=(0,))) == outdone
+
+
+@pytest.mark.parametrize(("named", "rivals", "goes_on"), [((), 4, True), (("a",), 4, False),
+                                                          (("a",), 2, True)])  # fmt: skip
+def test_a_name_is_not_lost_to_what_has_too_many_rivals(settling, named, rivals, goes_on):
+    fitted = SimpleNamespace(hypothesis=(*named, "b"))
+    weights = dict.fromkeys(named, Weight(0.5, 0.4, 0.6))
+    outcome = Named(None, None, None, [{"threshold_nats": 1.0, "ranking": []}], weights=weights)
+    members = ["b", *(f"r{k}" for k in range(rivals - 1))]
+    helps = Weight(0.5, 0.4, 0.6)
+    best = [Verdict(Candidate(n, fitted, np.ones(4)), ACCEPTED, helps) for n in members]
+    further = judging._with(SimpleNamespace(sealed=list), outcome, best)
+    assert (further is not None) == goes_on
+    assert further is None or len(further.rivals) == rivals

@@ -27,7 +27,7 @@ from wakedeploy.gap.search.judging import (
 )
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, undecided
-from wakedeploy.gap.search.weighing import is_outdone
+from wakedeploy.gap.search.weighing import Weight, is_outdone
 from wakedeploy.gap.systems.kinds.library import offered
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
@@ -35,12 +35,15 @@ from wakedeploy.gap.systems.words import sentences
 RATE = 50.0
 
 
-def _verdict(name, why, gains, error):
+def _verdict(name, why, gains, error, sizes=1):
     """A candidate whose forecasts of 24 stretches are off by `error`, give or take a fifth."""
+    free = tuple(SimpleNamespace(name=f"{name}.{k}") for k in range(sizes))
     rng = np.random.default_rng(len(name))
     squares = error**2 * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, (24, 1)))
     weight = SimpleNamespace(share=0.1, low=0.0, high=0.2)
-    return Verdict(Candidate(name, None, np.array(gains)), why, weight, squares)
+    return Verdict(
+        Candidate(name, SimpleNamespace(free=free), np.array(gains)), why, weight, squares
+    )
 
 
 def _told(*verdicts):
@@ -52,6 +55,20 @@ def test_what_would_not_be_named_is_a_rival_all_the_same():
     lag = _verdict("lag@u", ACCEPTED, [2.0, 3.0, 2.0, 1.0], 1.0)
     gain = _verdict("gain@u", HARDLY, [2.5, 1.5, 3.0, 2.0], 1.01)
     assert _told(gain, lag) == ["lag@u", "gain@u"]
+
+
+def test_of_those_that_nothing_tells_apart_the_simplest_comes_first():
+    bent = _verdict("hysteresis@v", ACCEPTED, [2.5, 3.0, 2.0, 2.5], 1.0, sizes=3)
+    push = _verdict("offset@v", ACCEPTED, [2.0, 3.0, 2.0, 1.0], 1.01)
+    gain = _verdict("gain@u", HARDLY, [2.5, 1.5, 3.0, 2.0], 1.01)
+    assert _told(bent, gain, push) == ["offset@v", "hysteresis@v", "gain@u"]
+
+
+@pytest.mark.parametrize(("share", "low"), [(0.1, 0.05), (0.1, -0.05), (0.1, -0.2)])
+def test_beside_a_name_another_one_has_to_help_surely(share, low):
+    weight = Weight(share, low, 2 * share - low)
+    assert judging._is_worth_naming(weight, ()) == (share + low > 0.0)
+    assert judging._is_worth_naming(weight, ("a",)) == (low > 0.0)
 
 
 @pytest.mark.parametrize(

@@ -306,11 +306,19 @@ def _judged(
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif gained < RULES.least_share and any(refines(effect.name, n) for n in known):
         why = REFINES
-    elif weight.matters:
+    elif _is_worth_naming(weight, known):
         why = TRIFLE if gained < RULES.least_of_gap else ACCEPTED
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
     return Verdict(effect, why, weight, squares)
+
+
+def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
+    """Whether forecasts get better by an effect; beside others, surely.
+
+    Each further name is one more chance of a wrong one, and without it there is an answer already.
+    """
+    return weight.low > 0.0 if known else weight.matters
 
 
 def is_shared(effect: Candidate, chance: float) -> bool:
@@ -324,11 +332,16 @@ def is_shared(effect: Candidate, chance: float) -> bool:
 
 
 def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """A leader and all that rival it, those that are accepted first."""
+    """A leader and all that rival it: those that are accepted first, of these the simplest."""
     alike = undecided(model, [leader, *_rivals(leader, verdicts)])
     if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
         return [leader]
-    return sorted(alike, key=lambda v: v.why != ACCEPTED)
+    return sorted(alike, key=lambda v: (v.why != ACCEPTED, _size_count(v.candidate)))
+
+
+def _size_count(effect: Candidate) -> int:
+    """How many parameters an effect has."""
+    return sum(f.name.startswith(f"{effect.name}.") for f in effect.fit.free)
 
 
 def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
@@ -338,7 +351,8 @@ def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
         return leader
     squares = crossed(model, plainer.fit)
     weight = weight_of(crossed(model, found), squares)
-    return Verdict(plainer, ACCEPTED, weight, squares) if weight.matters else leader
+    worth = _is_worth_naming(weight, found.hypothesis)
+    return Verdict(plainer, ACCEPTED, weight, squares) if worth else leader
 
 
 def _rivals(leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
@@ -357,7 +371,8 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
     """One more effect: the first that is accepted and still something once all else has followed.
 
     Its class are those after it. Beside an open class only an effect without rivals is named, or
-    one whose rivals are of that class: the class is then what is left of it.
+    one whose rivals are of that class: the class is then what is left of it. Beside a name, one
+    with more rivals than a class may have would make an answer unknown that has a name.
     """
     searched = outcome.rounds[-1]
     for k, verdict in enumerate(best):
@@ -366,6 +381,8 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
             break
         members = tuple(v.candidate.name for v in best[k:])
         if outcome.rivals and len(members) > 1 and not set(members) <= set(outcome.rivals):
+            return None
+        if outcome.weights and len(members) > RULES.most_in_class:
             return None
         better, still = settled(model, effect.fit)
         follows = candidate(outcome.found, effect.name, better)
