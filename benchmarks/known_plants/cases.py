@@ -63,7 +63,23 @@ _HIDDEN = (
     ("servo", {"sensor lag": 0.06}, ("sensor-lag@angle_rad", "sensor-dead-time@angle_rad"), ()),
     ("swing", {"wall": 0.5, "bounce": 0.2}, (f"upper-stop@{_SWING}",), ()),
     ("servo", {"wall": 0.4, "bounce": 0.5}, (f"upper-stop@{_SWING}",), ()),
-)
+    # Of every other kind of the library that these plants can have, one; added later.
+    ("cart", {"hold_s": 0.06}, ("sample-and-hold@force_n",), ()),
+    ("cart", {"slew_per_s": 60.0}, ("rate-limit@force_n",), ()),
+    ("cart", {"grain": 4.0}, ("quantisation@force_n",), ()),
+    ("motor", {"uneven": 0.1}, ("asymmetry@voltage_v",), ()),
+    ("motor", {"rings_radps": 15.0, "damping": 0.4}, ("second-order-lag@voltage_v",), ()),
+    ("motor", {"clip": 35.0}, ("sensor-saturation@speed_radps",), ()),
+    ("tank", {"clip": 0.55}, ("sensor-saturation@level_m",), ()),
+    ("swing", {"sensor drift per s": 0.01}, ("sensor-drift@angle_rad",), ()),
+    ("swing", {"sensor bias": 0.05}, ("sensor-bias@angle_rad", f"offset@{_SWING}"), ()),
+    ("cart", {"spring": 6.0}, (f"stiffness@{_CART}",), ()),
+    ("cart", {"cubic": 12.0}, (f"cubic-stiffness@{_CART}",), ()),
+    ("cart", {"teeth": 1.0, "pitch_m": 0.2}, (f"periodic-force@{_CART}",), ()),
+    ("cart", {"bristle": 1.5, "bends_m": 0.1},
+     (f"hysteresis@{_CART}", f"pre-sliding-friction@{_CART}"), (f"coulomb-friction@{_CART}",)),
+    ("servo", {"floor": -0.4, "bounce": 0.3}, (f"lower-stop@{_SWING}",), ()),
+)  # fmt: skip
 _OUTSIDE = (("cart", {"magnet": 4.0}), ("motor", {"shaking": 0.1}))
 _OPEN = ("steps", "waves", "sweep")
 _CONTROLLED = ("cart", "swing", "motor")

@@ -39,9 +39,17 @@ class Cart(System):
 
 
 def cart(x: list[float], u: float, hidden: Hidden) -> list[float]:
-    """The same of 2.06 kg, with what rubs, and a magnet beside the rail that holds it back."""
-    force = u - 0.97 * x[1] - _rubbing(x[1], hidden) - hidden.get("cubic", 0.0) * x[0] ** 3
+    """The same of 2.06 kg, with what rubs, springs, teeth of a rack, and a magnet beside the rail.
+
+    The magnet holds it back. A bristle, where there is one, is a third state (Dahl, 1968).
+    """
+    force = u - 0.97 * x[1] - _rubbing(x[1], hidden)
+    force -= hidden.get("spring", 0.0) * x[0] + hidden.get("cubic", 0.0) * x[0] ** 3
+    force -= hidden.get("teeth", 0.0) * math.sin(2 * math.pi * x[0] / hidden.get("pitch_m", 1.0))
     force -= hidden.get("magnet", 0.0) * math.exp(-(((x[0] - 0.1) / 0.2) ** 2))
+    if "bristle" in hidden:
+        bent = (x[1] - abs(x[1]) * x[2]) / hidden["bends_m"]
+        return [x[1], (force - hidden["bristle"] * x[2]) / 2.06, bent]
     return [x[1], force / 2.06]
 
 

@@ -25,12 +25,20 @@ class Path:
         self._hidden, self._step_s = hidden, step_s
         late = round(hidden.get("delay", 0.0) / step_s)
         self._late = deque([first] * (late + 1), maxlen=late + 1)
-        self._played = self._lagged = first
+        self._played = self._lagged = self._held = self._slewed = self._ringing = first
+        self._ringing_per_s, self._since_s = 0.0, math.inf
 
     def __call__(self, u: float) -> float:
         """What acts now of what is commanded now."""
         self._late.append(u)
         u, h = self._late[0], self._hidden
+        if "hold_s" in h:
+            self._since_s += self._step_s
+            if self._since_s >= h["hold_s"] - 0.5 * self._step_s:
+                self._held, self._since_s = u, 0.0
+            u = self._held
+        if "grain" in h:
+            u = h["grain"] * round(u / h["grain"])
         if "play" in h:
             half = 0.5 * h["play"]
             self._played = min(max(self._played, u - half), u + half)
@@ -39,9 +47,21 @@ class Path:
             u = math.copysign(max(abs(u) - h["band"], 0.0), u)
         if "most" in h:
             u = min(max(u, -h["most"]), h["most"])
+        if "uneven" in h:
+            u += h["uneven"] * abs(u)
+        if "slew_per_s" in h:
+            most = h["slew_per_s"] * self._step_s
+            self._slewed += min(max(u - self._slewed, -most), most)
+            u = self._slewed
         if "lag" in h:
             self._lagged += (u - self._lagged) * min(self._step_s / h["lag"], 1.0)
             u = self._lagged
+        if "rings_radps" in h:
+            w = h["rings_radps"]
+            pull = w * (w * (u - self._ringing) - 2.0 * h["damping"] * self._ringing_per_s)
+            self._ringing_per_s += pull * self._step_s
+            self._ringing += self._ringing_per_s * self._step_s
+            u = self._ringing
         return u + h.get("bias", 0.0)
 
 
@@ -68,14 +88,15 @@ def _flown(
     is_closed: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """The logged input (n,) and what the sensors show (m, n)."""
-    rate, x = plant.system.rate_hz, list(plant.start)
+    rate, x = plant.system.rate_hz, [*plant.start, *([0.0] if "bristle" in hidden else [])]
     step_s = 1.0 / rate / _FINE
     path = Path(hidden, step_s, 0.0 if is_closed else plant.mean)
     places = [i for i, _ in plant.shown]
     sensed, slow = [x[i] for i in places], hidden.get("sensor lag", step_s)
     logged, shown = np.empty(len(wanted)), np.empty(noise.shape)
     for k in range(len(wanted)):
-        shown[:, k] = sensed + noise[:, k]
+        shown[:, k] = _read(np.array(sensed), k / rate, hidden) + noise[:, k]
+        shown[:, k] = np.minimum(shown[:, k], hidden.get("clip", math.inf))
         u = float(wanted[k])
         if is_closed and plant.follows is not None:
             speed = (shown[0, k] - shown[0, max(k - 1, 0)]) * rate
@@ -86,6 +107,12 @@ def _flown(
             sensed = [s + (x[i] - s) * min(step_s / slow, 1.0)
                       for s, i in zip(sensed, places, strict=True)]  # fmt: skip
     return logged, shown
+
+
+def _read(values: FloatArray, time_s: float, hidden: Hidden) -> FloatArray:
+    """What sensors make of what they see, before their noise."""
+    wrong = hidden.get("sensor bias", 0.0) + hidden.get("sensor drift per s", 0.0) * time_s
+    return np.asarray(hidden.get("sensor gain", 1.0) * values + wrong)
 
 
 def _stepped(
@@ -103,9 +130,11 @@ def _stepped(
 
 def _met(x: list[float], hidden: Hidden) -> list[float]:
     """Thrown back by a rigid wall, with a share of the speed (Newton's law of impact)."""
-    wall = hidden.get("wall", math.inf)
+    wall, floor = hidden.get("wall", math.inf), hidden.get("floor", -math.inf)
     if x[0] > wall and x[1] > 0.0:
         return [wall, -hidden["bounce"] * x[1], *x[2:]]
+    if x[0] < floor and x[1] < 0.0:
+        return [floor, -hidden["bounce"] * x[1], *x[2:]]
     return x
 
 

@@ -1,12 +1,15 @@
 """The known plants: their judge, and recordings against what they are made of."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.known_plants.__main__ import judged
+from benchmarks.known_plants.__main__ import answered, judged
 from benchmarks.known_plants.cases import CASES, Case
 from benchmarks.known_plants.plants import PLANTS
-from benchmarks.known_plants.recording import recorded
+from benchmarks.known_plants.recording import Path, recorded
 from wakedeploy.gap.systems.system import checked
 
 
@@ -45,6 +48,32 @@ def test_a_hidden_delay_moves_a_motor_later():
     shifts = range(11)
     apart = [np.mean((there[k:] - here[: len(here) - k]) ** 2) for k in shifts]
     assert int(np.argmin(apart)) == 5
+
+
+@pytest.mark.parametrize("drive", ["steps", "closed"])
+def test_a_sensor_that_is_cut_is_named(drive):
+    case = next(c for c in CASES if c.plant == "motor" and "clip" in c.hidden)
+    case = replace(case, drive=drive)
+    told = answered(case)
+    assert told["named"] == ["sensor-saturation@speed_radps"]
+
+
+@pytest.mark.parametrize(("ratio", "rings"), [(0.3, True), (1.2, False)])
+def test_a_hidden_oscillator_rings_as_its_damping_says(ratio, rings):
+    path = Path({"rings_radps": 20.0, "damping": ratio}, 1e-3, 0.0)
+    shown = np.array([path(1.0) for _ in range(2000)])
+    over = math.exp(-math.pi * ratio / math.sqrt(1.0 - ratio**2)) if rings else 0.0
+    assert shown.max() - 1.0 == pytest.approx(over, abs=0.02)
+    assert shown[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_is_held_slewed_rounded_and_uneven():
+    held = Path({"hold_s": 0.03}, 0.01, 0.0)
+    assert [held(float(k)) for k in range(7)] == [0.0, 0.0, 0.0, 3.0, 3.0, 3.0, 6.0]
+    slewed = Path({"slew_per_s": 50.0}, 0.01, 0.0)
+    assert [slewed(1.2) for _ in range(4)] == pytest.approx([0.5, 1.0, 1.2, 1.2])
+    assert Path({"grain": 4.0}, 0.01, 0.0)(5.0) == 4.0
+    assert [Path({"uneven": 0.1}, 0.01, 0.0)(u) for u in (10.0, -10.0)] == [11.0, -9.0]
 
 
 def test_cases_are_apart_and_their_ports_exist():

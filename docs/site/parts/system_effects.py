@@ -21,6 +21,8 @@ _NEEDS = {
     "level": "a state that is no speed, as a level",
     "other": "a second input or axis",
     "still": "logs in which it comes near 0, or turns",
+    "cut above": "logs whose largest reading comes several times",
+    "cut below": "logs whose least reading comes several times",
     "turning": "logs in which it turns",
 }
 

@@ -53,6 +53,7 @@ class Acting:
         ports = dict.fromkeys([*self._known, *(e.port.name for e in self._dry)])
         self.dry = [self.states.index(name) for name in ports]  # speeds that it acts on
         self._constants = {c.name: c.value for c in system.constants}
+        self._outputs = [o.name for o in system.outputs]
 
     def column(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
         """What of an input (n,) in every step reaches the system, under scalar values.
@@ -198,9 +199,15 @@ class Acting:
         return changes
 
     def readings(
-        self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
+        self,
+        x: FloatArray,
+        inputs: Arrays,
+        c: Point,
+        values: Arrays,
+        time_s: FloatArray,
+        measured: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
-        """What the sensors show (m, …)."""
+        """What the sensors show (m, …); near what is `measured`, with its sd, (m, L) each."""
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
         inputs = self._arriving(inputs, named, values, time_s, {})
@@ -209,9 +216,12 @@ class Acting:
             kind, name = effect.kind, effect.port.name
             assert isinstance(kind, OutputKind)
             own_states = tuple(named[n] for n in effect.own_states)
-            readings[name] = kind.reading(
-                readings[name], own_states, time_s, effect.parameters(values)
-            )
+            p = effect.parameters(values)
+            if measured is None:
+                readings[name] = kind.reading(readings[name], own_states, time_s, p)
+                continue
+            logged, sd = (row[self._outputs.index(name)] for row in measured)
+            readings[name] = kind.reading_near(readings[name], own_states, time_s, p, logged, sd)
         result = np.empty((len(readings), *x.shape[1:]))
         for i, value in enumerate(readings.values()):
             result[i] = value
@@ -249,7 +259,7 @@ class Acting:
         return 1.0 / self.system.rate_hz if self.system.has_step else 1.0
 
     def _base(self, name: str, named: Arrays, rates: Arrays) -> Any:
-        """The rate that the system itself gives a state."""
+        """The rate of a state, of what a system returns with all that was added to it."""
         if self.system.has_step:
             return (rates[name] - named[name]) / self._dt_s
         return rates[name]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.systems.logs import LogModel
 
 VERSION = 3
-_ENDS = ("lowest ", "highest ")
+_ENDS = ("lowest ", "highest ", "top ", "bottom ")
 _Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 
 
@@ -50,7 +50,7 @@ class Document(_Table):
     @pydantic.field_validator("sizes")
     @classmethod
     def _positive(cls, sizes: dict[str, float]) -> dict[str, float]:
-        """All but the ends of a way are from 0."""
+        """All but the ends of a way, and of what a sensor showed, are from 0."""
         for name, size in sizes.items():
             if size < 0.0 and not name.startswith(_ENDS):
                 raise ValueError(f"the size of {name} is {size:g}, below 0")

@@ -168,14 +168,15 @@ class Filter:
         measured = np.where(pieces.valid[:, None], np.moveaxis(logged[:, at], 0, 1), np.nan)
         if not all_readings:
             measured[self._passed_over(measured, pieces)] = np.nan
-        measured = np.tile(measured, (1, 1, count))
+        measured, sensor_sd = np.tile(measured, (1, 1, count)), np.sqrt(noise.sensor)
         for t, here in enumerate(at):
             time_s = times[t][None, :]
             here = steps * here
             u = {n: columns[i][:, here].reshape(1, lanes) for i, n in enumerate(names)}
             if not timeless:
                 c = acting.constants(spread, time_s)
-            shown = acting.readings(_around(x, aside, points), u, c, spread, time_s)
+            around = _around(x, aside, points)
+            shown = acting.readings(around, u, c, spread, time_s, (measured[t], sensor_sd))
             corrected(x, p, shown, aside, measured[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
                       statistics[t])  # fmt: skip
             states[t] = x

@@ -353,7 +353,8 @@ class LogModel:
 
         `least …` is how near to 0 an input or a known state comes, `turns …` whether it changes
         its sign (1 or 0), `lowest …` and `highest …` how far a known state goes.
-        `y …` is about an output's mean, `top …` the largest reading.
+        `y …` is about an output's mean, `top …` and `bottom …` are its largest and least reading,
+        `readings at top …` how often it shows that.
         """
         states = np.concatenate(guessed, axis=1)
         inputs = np.concatenate([log.inputs for log in self.logs], axis=1)
@@ -365,10 +366,10 @@ class LogModel:
             f"y {o.name}": _usual(row - np.nanmean(row))
             for o, row in zip(self.system.outputs, outputs, strict=True)
         }
-        sizes |= {
-            f"top {o.name}": float(np.nanmax(np.abs(row))) or 1.0
-            for o, row in zip(self.system.outputs, outputs, strict=True)
-        }
+        for o, row in zip(self.system.outputs, outputs, strict=True):
+            for end, reached in (("top", np.nanmax(row)), ("bottom", np.nanmin(row))):
+                sizes |= {f"{end} {o.name}": float(reached)}
+                sizes |= {f"readings at {end} {o.name}": float((row == reached).sum())}
         first = max(sizes[f"y {o.name}"] for o in self.system.outputs)
         for name, row in zip(self.system.states, states, strict=True):
             unknown = self.system.start_spread.get(name, first)

@@ -116,37 +116,65 @@ class Lag(InputKind):
 
 
 class SecondOrderLag(InputKind):
-    """The input follows its command with two equal time constants."""
+    """The input follows its command as a damped oscillator does: two time constants, or ringing.
+
+    Its own states are what is left of u + tau u' and of u from before the log: see `_free`.
+    """
 
     name = "second-order-lag"
     phrase = "a lag of second order with which {port} follows its command"
-    equation = "tau² u'' + 2 tau u' + u = command"
+    equation = "tau² u'' + 2 damping tau u' + u = command"
     source = _LJUNG
     own_states = 2
     parameters = (
-        Parameter("tau_s", {"time": 1}, low=0.0, high=500.0, starts=(0.5, 2.0, 6.0, 20.0),
-                  step=0.02, prior=30.0),
+        Parameter("tau_s", {"time": 1}, low=0.0, high=500.0,
+                  starts=(0.5, 2.0, 6.0, 20.0, 2.0, 6.0, 20.0), step=0.02, prior=30.0),
+        Parameter("damping", {}, neutral=1.0, low=0.1, high=2.0,
+                  starts=(1.0, 1.0, 1.0, 1.0, 0.4, 0.4, 0.4), step=0.02, prior=0.5),
     )  # fmt: skip
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
-        """Two lags in series."""
-        return lagged(lagged(column, p["tau_s"] / dt_s), p["tau_s"] / dt_s)
+        """The mean over each sample of the response to a held column, exactly."""
+        samples, damping = float(p["tau_s"]) / dt_s, float(p["damping"])
+        if samples < 1e-3:
+            return column
+        free, both = _free(damping), np.ones(2)
+        cosine, sine = _swinging(damping, np.array(1.0 / samples))
+        a = cosine * np.eye(2) + sine * (free + damping * np.eye(2))  # over a sample
+        c = samples * np.linalg.solve(free, a - np.eye(2))[1]  # of where it begins, in its mean
+        b, d = both - a @ both, 1.0 - c.sum()
+        first, second = -np.trace(a), np.linalg.det(a)
+        over = [d, c @ b + first * d, c @ a @ b + first * (c @ b) + second * d]
+        return np.asarray(column[0] + lfilter(over, [1.0, first, second], column - column[0]))
 
     def own_rates(
         self, own_states: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
-        """Towards 0, one after the other."""
-        pace = _pace(p["tau_s"], dt_s, discrete)
-        return -own_states[0] * pace, (own_states[0] - own_states[1]) * pace
+        """As an oscillator that is let go."""
+        tau_s, damping = np.maximum(p["tau_s"], dt_s), p["damping"]
+        ahead, y = own_states
+        free = (1.0 - 2.0 * damping) * ahead - (2.0 - 2.0 * damping) * y, ahead - y
+        if not discrete:
+            return free[0] / tau_s, free[1] / tau_s
+        cosine, sine = _swinging(damping, dt_s / tau_s)
+
+        def later(x: FloatArray, rate: FloatArray) -> FloatArray:
+            return np.asarray((cosine * x + sine * (rate + damping * x) - x) / dt_s)
+
+        return later(ahead, free[0]), later(y, free[1])
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
         """As of one lag that takes as long."""
-        return _moved(column, 2.0 * float(p["tau_s"]) / dt_s)
+        damping = float(p["damping"])
+        longer = 2.0 * max(damping, 1.0 / damping)
+        return _moved(column, longer * float(p["tau_s"]) / dt_s)
 
     def remaining(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
-        """What two equal lags in series leave."""
-        along = since_s / max(float(p["tau_s"]), dt_s)
-        return np.asarray((1.0 + along) * np.exp(-along))
+        """What the oscillator leaves, or what it swings within."""
+        damping = float(p["damping"])
+        cosine, sine = _swinging(damping, since_s / max(float(p["tau_s"]), dt_s))
+        swings = max(1.0 - damping**2, 0.0) ** 0.5
+        return np.asarray(np.hypot(cosine + damping * sine, swings * sine))
 
 
 class RateLimit(InputKind):
@@ -195,7 +223,15 @@ class Quantisation(InputKind):
     equation = "u = step · round(command/step)"
     source = "Widrow and Kollár, Quantization Noise, 2008"
     parameters = (
-        Parameter("step", _OF_INPUT, low=0.0, high=4.0, starts=(0.2, 0.5, 1.0), step=0.02),
+        Parameter(
+            "step",
+            _OF_INPUT,
+            low=0.0,
+            high=4.0,
+            starts=(0.2, 0.5, 1.0),
+            step=0.02,
+            scanned=tuple(np.geomspace(0.1, 1.6, 40)),
+        ),
     )
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
@@ -327,6 +363,21 @@ def lagged(column: FloatArray, samples: float) -> FloatArray:
     ends, _ = lfilter([1.0 - keep], [1.0, -keep], column, zi=[keep * column[0]])
     begins = np.concatenate([column[:1], ends[:-1]])
     return np.asarray(column + share * (begins - column))
+
+
+def _free(damping: float) -> FloatArray:
+    """Rates of (y + tau y', y) of an oscillator that is let go, in times of tau."""
+    return np.array([[1.0 - 2.0 * damping, 2.0 * damping - 2.0], [1.0, -1.0]])
+
+
+def _swinging(damping: FloatArray | float, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """exp(−d a) cosh(r a) and exp(−d a) sinh(r a)/r with r² = d² − 1, at times `along` of tau.
+
+    With them exp(A a) = cosine + sine (A + d), as A has the eigenvalues −d ± r.
+    """
+    root = np.sqrt(np.asarray(damping, dtype=complex) ** 2 - 1.0 + 1e-9)  # not 0 at damping 1
+    ahead, behind = np.exp((root - damping) * along), np.exp((-root - damping) * along)
+    return np.real(0.5 * (ahead + behind)), np.real(0.5 * (ahead - behind) / root)
 
 
 def _pace(tau_s: FloatArray, dt_s: float, discrete: bool) -> FloatArray:

@@ -19,9 +19,9 @@ class Scales:
     """How large things are at a port, from the log: sizes, units, and the time between samples.
 
     `sizes` and `units` are by what a parameter is made of: "input", "output" (about its mean),
-    "top" (its largest reading), "constant", "force", "speed", "position", "height", "other",
-    "time", "span" (of an uninterrupted log). "lowest" and "highest" are the ends of the way that
-    the position goes, "range" is its length.
+    "top" and "bottom" (its largest and least reading), "constant", "force", "speed", "position",
+    "height", "other", "time", "span" (of an uninterrupted log). "lowest" and "highest" are the
+    ends of the way that the position goes, "range" is its length.
     """
 
     sizes: Mapping[str, float]
@@ -88,7 +88,8 @@ class Kind:
     own_states: ClassVar[int] = 0
     # Of a port: "position", "height", "inertia", "angle", "moving" where its state is the speed of
     # its position, "level" where it is not. Of the logs: "turning" is a sign that changes, "still"
-    # one that does or that comes near 0. Without, the kind is another's double.
+    # one that does or that comes near 0, "cut above" and "cut below" that several readings are the
+    # last to one side. Without, the kind is another's double, or not there.
     needs: ClassVar[tuple[str, ...]] = ()
 
 

@@ -15,6 +15,7 @@ from wakedeploy.gap.systems.system import Port, System
 from wakedeploy.gap.wording import with_name
 
 _ANGLES = ("rad",)
+_CUT = 3  # readings that are all the same, and the last to one side: cut there perhaps
 _STILL = 0.1  # of the usual size: nearer to 0 a sign may be about to turn
 KINDS_BY_ROLE: dict[str, tuple[Kind, ...]] = {
     "input": inputs.KINDS,
@@ -129,6 +130,8 @@ def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, flo
     there |= {"level": not moving, "moving": moving}
     there |= {"inertia": bool(port.inertia), "other": True}
     there |= {"turning": turns, "still": turns or near}
+    for what, end in (("above", "top"), ("below", "bottom")):
+        there[f"cut {what}"] = sizes.get(f"readings at {end} {port.name}", _CUT) >= _CUT
     if port.role == "constant" and kind.name == "scale":  # one that is free already has any size
         return system.constant(port.name).spread != float("inf")
     return all(there[need] for need in kind.needs)
@@ -163,8 +166,8 @@ def _scales(
     elif port.role == "output":
         there["output"] = sizes[f"y {port.name}"]
         there["top"] = sizes.get(f"top {port.name}", sizes[f"y {port.name}"])
+        there["bottom"] = sizes.get(f"bottom {port.name}", -sizes[f"y {port.name}"])
         units["output"] = next(o.unit for o in system.outputs if o.name == port.name)
-        units["top"] = units["output"]
     elif port.role == "force":
         inertia = abs(system.constant(port.inertia).value) if port.inertia else 1.0
         there |= {"force": inertia * sizes[f"d {port.name}"], "speed": sizes[port.name]}

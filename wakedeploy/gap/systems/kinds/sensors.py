@@ -6,6 +6,7 @@ from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Param
 
 _OF_OUTPUT = {"output": 1}
 _SENSORS = "Fraden, Handbook of Modern Sensors, 2016"
+_CLEARLY = 3.0  # sd of a sensor's noise, by which a reading is clearly below a limit
 
 
 class OutputKind(Kind):
@@ -26,6 +27,18 @@ class OutputKind(Kind):
     ) -> tuple[FloatArray, ...]:
         """Derivatives of the kind's own states."""
         return ()
+
+    def reading_near(
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
+        measured: FloatArray,
+        sd: FloatArray,
+    ) -> FloatArray:
+        """The same where the logged reading and its sd (L,) are known, to correct a state by."""
+        return self.reading(value, own_states, time_s, p)
 
 
 class SensorGain(OutputKind):
@@ -89,16 +102,18 @@ class SensorDrift(OutputKind):
 
 
 class SensorSaturation(OutputKind):
-    """The sensor shows nothing above a limit."""
+    """The sensor shows nothing above a limit, so that is no less than the largest reading."""
 
     name = "sensor-saturation"
     phrase = "a limit above which the sensor of {port} shows nothing"
     equation = "min(y, limit)"
     source = _SENSORS
+    needs = ("cut above",)
     parameters = (
-        Parameter("limit", {"top": 1}, neutral=1.5, low=-1.5, high=1.5, starts=(0.98, 0.9),
-                  prior=1.0),
+        Parameter("limit", _OF_OUTPUT, origin="top", neutral=3.0, low=0.0, high=3.0,
+                  starts=(0.0,), prior=3.0),
     )  # fmt: skip
+    _sign = 1.0
 
     def reading(
         self,
@@ -107,8 +122,39 @@ class SensorSaturation(OutputKind):
         time_s: FloatArray,
         p: Parameters,
     ) -> FloatArray:
-        """Cut above."""
-        return np.minimum(value, p["limit"])
+        """Cut beyond."""
+        beyond = np.minimum(self._sign * value, self._sign * p["limit"])
+        return np.asarray(self._sign * beyond)
+
+    def reading_near(
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
+        measured: FloatArray,
+        sd: FloatArray,
+    ) -> FloatArray:
+        """A reading that is clearly within the limit was not cut, wherever the state is thought.
+
+        Cut there, it would have no slope: no reading would call back a state that is too far.
+        """
+        is_whole = self._sign * (p["limit"] - measured) > _CLEARLY * sd
+        return np.where(is_whole, value, self.reading(value, own_states, time_s, p))
+
+
+class SensorFloor(SensorSaturation):
+    """The sensor shows nothing below a limit, as one of range does that is too near."""
+
+    name = "sensor-floor"
+    phrase = "a limit below which the sensor of {port} shows nothing"
+    equation = "max(y, limit)"
+    needs = ("cut below",)
+    parameters = (
+        Parameter("limit", _OF_OUTPUT, origin="bottom", neutral=-3.0, low=-3.0, high=0.0,
+                  starts=(0.0,), prior=3.0),
+    )  # fmt: skip
+    _sign = -1.0
 
 
 class SensorLag(OutputKind):
@@ -211,6 +257,7 @@ class ConstantDrift(ConstantKind):
 
 _SHORTEST_S = 1e-5
 OUTPUT_KINDS = (
-    SensorGain(), SensorBias(), SensorDrift(), SensorSaturation(), SensorLag(), SensorDeadTime(),
+    SensorGain(), SensorBias(), SensorDrift(), SensorSaturation(), SensorFloor(), SensorLag(),
+    SensorDeadTime(),
 )  # fmt: skip
 CONSTANT_KINDS = (Scale(), ConstantDrift())
