@@ -13,6 +13,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap import workflow
 from wakedeploy.gap.evidence.inference import neutral
 from wakedeploy.gap.evidence.whiteness import whiteness
+from wakedeploy.gap.progress import quiet
 from wakedeploy.gap.search import judging
 from wakedeploy.gap.search.artefacts import Answer, Law, Leftover, read
 from wakedeploy.gap.search.judging import Named, fitted_base, named
@@ -154,6 +155,7 @@ def test_what_explains_all_is_asked_no_further(
         return near
 
     monkeypatch.setattr(judging, "_named", one_way)
+    monkeypatch.setattr(judging, "_further_ahead", one_way)
     monkeypatch.setattr(judging, "verdict_of", lambda outcome: verdict)
     monkeypatch.setattr(judging, "is_outdone", lambda *args: False)
     monkeypatch.setattr(judging, "unfitted", lambda *args: np.ones((9, 1)))
@@ -188,6 +190,7 @@ def test_an_answer_far_ahead_has_to_forecast_better(
     monkeypatch.setattr(
         judging, "_named", lambda model, *_, **given: near if model.is_pushed else far
     )
+    monkeypatch.setattr(judging, "_further_ahead", lambda *_: far)
     monkeypatch.setattr(judging, "fitted_base", lambda model: base)
     monkeypatch.setattr(judging, "_is_whole", lambda outcome: False)
     verdicts = {(): rest, ("far",): "named"}
@@ -198,6 +201,18 @@ def test_an_answer_far_ahead_has_to_forecast_better(
     told = named(rubbing, base)
     assert told.is_far_ahead == is_taken
     assert (told is near) != is_taken
+
+
+def test_what_is_named_near_is_where_the_search_far_ahead_begins(rubbing):
+    near = judging._named(rubbing, fitted_base(rubbing), quiet)
+    again = judging._further_ahead(rubbing.far_ahead(), near, quiet)
+    assert near.found.hypothesis == again.found.hypothesis == (FRICTION,)
+    assert not again.model.is_pushed
+    *before, asked = again.rounds
+    assert before == near.rounds
+    assert asked["given"] == [FRICTION]
+    low, high = again.found.interval(f"{FRICTION}.force")
+    assert low < near.found.value(f"{FRICTION}.force") < high
 
 
 def test_steps_go_on_from_an_answer_far_ahead(rubbing, monkeypatch, tmp_path):

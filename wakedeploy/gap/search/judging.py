@@ -107,16 +107,19 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     """Effects one after another, as long as one is evident and matters.
 
     Long recordings are searched in part; sizes and sealed episodes are those of all. The model is
-    asked for the next reading; where the answer explains too little, it is asked far ahead, too.
-    What that names takes the place of an unknown if forecasts get better, those of sealed episodes,
-    too; of another answer, if they surely do.
+    asked for the next reading; where the answer explains too little, it is asked far ahead, too,
+    beside what was named, if that has no rivals. What comes of it takes the place of an unknown if
+    forecasts get better, those of sealed episodes, too; of another answer, if they surely do.
     """
     outcome = _named(model, base, progress)
     far = None if _is_whole(outcome) else asked_far_ahead(model)
     if far is None:
         return outcome
     progress("asking far ahead")
-    again = _named(far, fitted_base(far), progress, lacks_something=True)
+    if verdict_of(outcome) == "named":
+        again = _further_ahead(far, outcome, progress)
+    else:
+        again = _named(far, fitted_base(far), progress, lacks_something=True)
     again = replace(again, is_far_ahead=True)
     if verdict_of(again) not in ("named", "class"):
         return outcome
@@ -125,6 +128,24 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     if is_better and weight_of(*(unseen(n.model, n.found) for n in (outcome, again))).share > 0.0:
         return replace(again, leftover=_left_near(model, outcome, again))
     return outcome
+
+
+def _further_ahead(far: Comparison, near: Named, progress: Progress) -> Named:
+    """What was named for the next reading, and is needed far ahead, with what else is named there.
+
+    It is fitted there, too. A forecast's few readings alone leave room for laws that every reading
+    speaks against.
+    """
+    base = fitted_base(far)
+    known = dict(zip(base.names, base.theta, strict=True))
+    start = [
+        known.get(f.name, near.found.value(f.name) if f.name in near.found.names else f.neutral)
+        for f in far.free(near.found.hypothesis)
+    ]
+    found = settled(far, fit(far, near.found.hypothesis, base.episodes, np.array(start)))[0]
+    rounds = copy.deepcopy(near.rounds)
+    begun = replace(near, model=far, base=base, found=found, rounds=rounds)
+    return _searched(far, base, begun, progress)
 
 
 def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[dict[str, Any], ...]:
