@@ -63,7 +63,7 @@ _HIDDEN = (
     ("servo", {"sensor lag": 0.06}, ("sensor-lag@angle_rad", "sensor-dead-time@angle_rad"), ()),
     ("swing", {"wall": 0.5, "bounce": 0.2}, (f"upper-stop@{_SWING}",), ()),
     ("servo", {"wall": 0.4, "bounce": 0.5}, (f"upper-stop@{_SWING}",), ()),
-    # Of every other kind of the library that these plants can have, one; added later.
+    # Kinds of the library that none of those is; added later.
     ("cart", {"hold_s": 0.06}, ("sample-and-hold@force_n",), ()),
     ("cart", {"slew_per_s": 60.0}, ("rate-limit@force_n",), ()),
     ("cart", {"grain": 4.0}, ("quantisation@force_n",), ()),
@@ -71,6 +71,7 @@ _HIDDEN = (
     ("motor", {"rings_radps": 15.0, "damping": 0.4}, ("second-order-lag@voltage_v",), ()),
     ("motor", {"clip": 35.0}, ("sensor-saturation@speed_radps",), ()),
     ("tank", {"clip": 0.55}, ("sensor-saturation@level_m",), ()),
+    ("servo", {"blind below": -0.3}, ("sensor-floor@angle_rad",), ()),
     ("swing", {"sensor drift per s": 0.01}, ("sensor-drift@angle_rad",), ()),
     ("swing", {"sensor bias": 0.05}, ("sensor-bias@angle_rad", f"offset@{_SWING}"), ()),
     ("cart", {"spring": 6.0}, (f"stiffness@{_CART}",), ()),

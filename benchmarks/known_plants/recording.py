@@ -96,7 +96,8 @@ def _flown(
     logged, shown = np.empty(len(wanted)), np.empty(noise.shape)
     for k in range(len(wanted)):
         shown[:, k] = _read(np.array(sensed), k / rate, hidden) + noise[:, k]
-        shown[:, k] = np.minimum(shown[:, k], hidden.get("clip", math.inf))
+        low, high = hidden.get("blind below", -math.inf), hidden.get("clip", math.inf)
+        shown[:, k] = np.clip(shown[:, k], low, high)
         u = float(wanted[k])
         if is_closed and plant.follows is not None:
             speed = (shown[0, k] - shown[0, max(k - 1, 0)]) * rate
@@ -111,8 +112,7 @@ def _flown(
 
 def _read(values: FloatArray, time_s: float, hidden: Hidden) -> FloatArray:
     """What sensors make of what they see, before their noise."""
-    wrong = hidden.get("sensor bias", 0.0) + hidden.get("sensor drift per s", 0.0) * time_s
-    return np.asarray(hidden.get("sensor gain", 1.0) * values + wrong)
+    return values + hidden.get("sensor bias", 0.0) + hidden.get("sensor drift per s", 0.0) * time_s
 
 
 def _stepped(

@@ -8,10 +8,10 @@ drone were added when the filter had got its lasting pushes, before any run of t
 actuator, the take-off and the three drones later. Two more were widened by what had been known of
 the recordings before, and overlooked: both channels of the Silverbox have a mean, so its sensor may
 be off, too; and the placement machine's authors name saturation, an end of its way, besides the
-impact that is built in. Of the three drones the expected effect is the system's own, stated in its
-file in the form that is later built in: what is asked is whether it is preferred to the library's.
-Their first run, with two flights, found the width of a jet taken for a size; what is judged is the
-three flights of a day that have no gaps.
+impact that is built in. Both answers had counted as wrong. Of the three drones the expected effect
+is the system's own, stated in its file in the form that is later built in: what is asked is whether
+it is preferred to the library's. Their first run, with two flights, found the width of a jet taken
+for a size; what is judged is the three flights of a day that have no gaps.
 """
 
 from collections.abc import Callable, Mapping

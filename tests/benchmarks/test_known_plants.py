@@ -10,6 +10,9 @@ from benchmarks.known_plants.__main__ import answered, judged
 from benchmarks.known_plants.cases import CASES, Case
 from benchmarks.known_plants.plants import PLANTS
 from benchmarks.known_plants.recording import Path, recorded
+from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.planning.plan import plan
 from wakedeploy.gap.systems.system import checked
 
 
@@ -56,6 +59,15 @@ def test_a_sensor_that_is_cut_is_named(drive):
     case = replace(case, drive=drive)
     told = answered(case)
     assert told["named"] == ["sensor-saturation@speed_radps"]
+
+
+def test_an_imagined_log_can_lack_what_a_cut_sensor_has():
+    """No reading comes three times in it, and yet the cut is what it has to tell apart."""
+    case = next(c for c in CASES if c.plant == "tank" and "clip" in c.hidden)
+    recording = recorded(PLANTS["tank"], case.hidden, "sweep", 1, False)
+    model = LogModel(checked(PLANTS["tank"].system()), [recording])
+    class_ = ["sensor-saturation@level_m", "upper-stop@level_m"]
+    assert plan(model, fitted_base(model), class_).options
 
 
 @pytest.mark.parametrize(("ratio", "rings"), [(0.3, True), (1.2, False)])

@@ -35,9 +35,9 @@ from wakedeploy.gap.systems.words import sentences
 RATE = 50.0
 
 
-def _verdict(name, why, gains, error, sizes=1):
+def _verdict(name, why, gains, error, neutral=(0.0,)):
     """A candidate whose forecasts of 24 stretches are off by `error`, give or take a fifth."""
-    free = tuple(SimpleNamespace(name=f"{name}.{k}") for k in range(sizes))
+    free = tuple(SimpleNamespace(name=f"{name}.{k}", neutral=n) for k, n in enumerate(neutral))
     rng = np.random.default_rng(len(name))
     squares = error**2 * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, (24, 1)))
     weight = SimpleNamespace(share=0.1, low=0.0, high=0.2)
@@ -58,17 +58,27 @@ def test_what_would_not_be_named_is_a_rival_all_the_same():
 
 
 def test_of_those_that_nothing_tells_apart_the_simplest_comes_first():
-    bent = _verdict("hysteresis@v", ACCEPTED, [2.5, 3.0, 2.0, 2.5], 1.0, sizes=3)
+    bent = _verdict("hysteresis@v", ACCEPTED, [2.5, 3.0, 2.0, 2.5], 1.0, neutral=(0.0, 1.0, 0.0))
     push = _verdict("offset@v", ACCEPTED, [2.0, 3.0, 2.0, 1.0], 1.01)
     gain = _verdict("gain@u", HARDLY, [2.5, 1.5, 3.0, 2.0], 1.01)
     assert _told(bent, gain, push) == ["offset@v", "hysteresis@v", "gain@u"]
+    rubs = _verdict("coulomb@v", ACCEPTED, [2.5, 3.0, 2.0, 2.5], 1.0, neutral=(0.0, 1.0))
+    assert _told(rubs, push) == ["coulomb@v", "offset@v"]  # a shape makes it no less simple
 
 
-@pytest.mark.parametrize(("share", "low"), [(0.1, 0.05), (0.1, -0.05), (0.1, -0.2)])
-def test_beside_a_name_another_one_has_to_help_surely(share, low):
+@pytest.mark.parametrize(
+    ("share", "low", "alone", "beside"),
+    [
+        (0.1, 0.05, True, True),
+        (0.1, -0.05, True, False),
+        (0.1, -0.2, False, False),
+        (2e-3, 1e-3, False, False),
+    ],
+)
+def test_beside_a_name_another_one_has_to_help_surely(share, low, alone, beside):
     weight = Weight(share, low, 2 * share - low)
-    assert judging._is_worth_naming(weight, ()) == (share + low > 0.0)
-    assert judging._is_worth_naming(weight, ("a",)) == (low > 0.0)
+    assert judging._is_worth_naming(weight, ()) == alone
+    assert judging._is_worth_naming(weight, ("a",)) == beside
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.sensitivity import checked_base, rows
@@ -42,6 +43,16 @@ def test_no_effect_moves_outputs_by_more_than_they_could_move(model):
     """All samples off by the whole range are 400 times 0.5 m over the noise, together."""
     told = {row.name: row for row in rows(model, checked_base(model))}
     assert told["sensor-saturation@position_m"].moved < 1e9
+
+
+def test_a_reading_is_cut_after_all_else_that_is_wrong_with_it(model):
+    names = ["sensor-saturation@position_m", "sensor-bias@position_m"]
+    values = {f"{names[0]}.limit": np.array([10.45]), f"{names[1]}.bias": np.array([0.2])}
+    told = []
+    for order in (names, names[::-1]):
+        acting = Acting(model.system, [model.library[n] for n in order], model.sizes)
+        told.append(model.filter.free_run(acting, values)[1][0])
+    assert told[0].max() == told[1].max() == 10.45
 
 
 @pytest.mark.parametrize(

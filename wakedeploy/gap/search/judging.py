@@ -34,7 +34,14 @@ from wakedeploy.gap.search.anew import begun_anew, bettered
 from wakedeploy.gap.search.beginnings import beginning
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead, errors, searched_on
 from wakedeploy.gap.search.extent import is_steady, profiled
-from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
+from wakedeploy.gap.search.rivalry import (
+    Verdict,
+    is_absent,
+    is_nothing,
+    rivals_with,
+    sizes_of,
+    undecided,
+)
 from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
 from wakedeploy.gap.search.weighing import (
@@ -339,7 +346,7 @@ def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
 
     Each further name is one more chance of a wrong one, and without it there is an answer already.
     """
-    return weight.low > 0.0 if known else weight.matters
+    return weight.matters and (weight.low > 0.0 or not known)
 
 
 def is_shared(effect: Candidate, chance: float) -> bool:
@@ -357,12 +364,9 @@ def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> li
     alike = undecided(model, [leader, *_rivals(leader, verdicts)])
     if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
         return [leader]
-    return sorted(alike, key=lambda v: (v.why != ACCEPTED, _size_count(v.candidate)))
-
-
-def _size_count(effect: Candidate) -> int:
-    """How many parameters an effect has."""
-    return sum(f.name.startswith(f"{effect.name}.") for f in effect.fit.free)
+    return sorted(
+        alike, key=lambda v: (v.why != ACCEPTED, len(sizes_of(v.candidate.fit, v.candidate.name)))
+    )
 
 
 def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
@@ -446,11 +450,12 @@ def _pair(
         before, after = (crossed(model, f) for f in (outcome.found, verdict.candidate.fit))
         both = weight_of(before, after)
         gained = share_of_gap(crossed(model, outcome.base), before, after)
-        if not both.matters or gained < RULES.least_of_gap:
+        if not _is_worth_naming(both, list(outcome.weights)) or gained < RULES.least_of_gap:
             continue
         alike = undecided(model, [first, *_rivals(first, beside_it)])
         members = (first.candidate.name, *(v.candidate.name for v in alike if v is not first))
-        if outcome.rivals and len(members) > 1:
+        most = RULES.most_in_class if outcome.weights else len(members)
+        if (outcome.rivals and len(members) > 1) or len(members) > most:
             return None
         company = replace(
             outcome, found=beside, rivals=members if len(members) > 1 else outcome.rivals

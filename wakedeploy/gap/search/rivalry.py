@@ -61,7 +61,7 @@ def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
 
 def is_absent(fitted: Fit, name: str) -> bool:
     """Whether every size of an effect is the value without effect, to the last digit."""
-    return all(fitted.value(f.name) == f.neutral for f in _sizes(fitted, name))
+    return all(fitted.value(f.name) == f.neutral for f in sizes_of(fitted, name))
 
 
 def is_nothing(fitted: Fit, name: str) -> bool:
@@ -69,12 +69,12 @@ def is_nothing(fitted: Fit, name: str) -> bool:
 
     A shape, whose neutral value is not 0, does not count: it has no meaning where the size is 0.
     """
-    sizes = _sizes(fitted, name)
+    sizes = sizes_of(fitted, name)
     ends = [fitted.interval(f.name) for f in sizes]
     return all(low <= f.neutral <= high for f, (low, high) in zip(sizes, ends, strict=True))
 
 
-def _sizes(fitted: Fit, name: str) -> list[Free]:
+def sizes_of(fitted: Fit, name: str) -> list[Free]:
     """The parameters that are 0 without the effect; all of one that has none."""
     parameters = [f for f in fitted.free if f.name.startswith(f"{name}.")]
     return [f for f in parameters if f.neutral == 0.0] or parameters

@@ -13,7 +13,7 @@ from wakedeploy.gap.evidence.inference import FloatArray
 from wakedeploy.gap.systems.kinds.forces import AT_ONCE, At, DryFriction, ForceKind
 from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
-from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind
+from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind, SensorSaturation
 from wakedeploy.gap.systems.system import Point, Port, System
 from wakedeploy.physics.kalman import bumped
 
@@ -47,6 +47,8 @@ class Acting:
             role: [e for e in effects if e.port.role == role]
             for role in ("input", "force", "output", "constant", "custom")
         }
+        # What is logged is cut last: a limit is one of readings, whatever else is wrong with them.
+        self._of["output"].sort(key=lambda e: isinstance(e.kind, SensorSaturation))
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
         self._smooth = [e for e in self._of["force"] if e not in self._dry]
         self._known = {p.name: p for p in system.ports if p.friction}
@@ -120,8 +122,8 @@ class Acting:
             self._force(effect, named, base, inputs, c, values, rates, own_rates)
         for effect in self._of["custom"]:
             self._custom(effect, state, driven, values, time_s, rates)
-        # A share of all that acts: of the system's own rate alone, two forces that cancel would
-        # give the share a force of any size to act on.
+        # A share of all that acts but dry friction, which bears what it has to: of the system's own
+        # rate alone, two forces that cancel would give the share a force of any size to act on.
         for name in self.form:
             rates[name] = rates[name] + self._form(name, named, rates, values)
         if self._of["output"]:
@@ -259,7 +261,7 @@ class Acting:
         return 1.0 / self.system.rate_hz if self.system.has_step else 1.0
 
     def _base(self, name: str, named: Arrays, rates: Arrays) -> Any:
-        """The rate of a state, of what a system returns with all that was added to it."""
+        """The rate of a state, of rates or of next states."""
         if self.system.has_step:
             return (rates[name] - named[name]) / self._dt_s
         return rates[name]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.evidence.inference import Fit
     from wakedeploy.gap.systems.logs import LogModel
 
-VERSION = 3
+VERSION = 4
 _ENDS = ("lowest ", "highest ", "top ", "bottom ")
 _Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 

@@ -72,6 +72,11 @@ class LogModel:
         self.is_pushed = True  # whether pushes that last are free in every hypothesis
         self.horizon = self._horizon()  # samples over which a forecast goes
 
+    def offer(self, effects: Mapping[str, Effect]) -> None:
+        """Have those of other logs, too, that these logs have no reason to look for."""
+        self.library |= {n: e for n, e in effects.items() if n not in self.library}
+        self.effects = {name: effect.free for name, effect in self.library.items()}
+
     @property
     def episodes(self) -> int:
         """How many blocks there are."""

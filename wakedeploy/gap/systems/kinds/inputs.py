@@ -230,7 +230,7 @@ class Quantisation(InputKind):
             high=4.0,
             starts=(0.2, 0.5, 1.0),
             step=0.02,
-            scanned=tuple(np.geomspace(0.1, 1.6, 40)),
+            scanned=tuple(np.geomspace(0.1, 1.6, 20)),
         ),
     )
 

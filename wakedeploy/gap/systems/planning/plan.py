@@ -164,6 +164,7 @@ def _at_base(model: LogModel, base: Fit, columns: Mapping[str, FloatArray]) -> t
     """An imagined log, with noise and constants as the real ones have them."""
     time_s = np.asarray(model.dt_s * np.arange(len(next(iter(columns.values())))))
     other = LogModel(model.system, [Recording("imagined", time_s, columns)])
+    other.offer(model.library)
     free = other.free(base.hypothesis)
     known = dict(zip(base.names, base.theta, strict=True))
     alike = {f.name for f in free if not f.is_form and not f.name.startswith("form.")}
