@@ -17,6 +17,7 @@ from wakedeploy.gap.progress import quiet
 from wakedeploy.gap.search import judging
 from wakedeploy.gap.search.artefacts import Answer, Law, Leftover, read
 from wakedeploy.gap.search.judging import Named, fitted_base, named
+from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.correction import read_correction
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.own_folder import CORRECTION, OwnFolder
@@ -203,9 +204,18 @@ def test_an_answer_far_ahead_has_to_forecast_better(
     assert (told is near) != is_taken
 
 
-def test_what_is_named_near_is_where_the_search_far_ahead_begins(rubbing):
-    near = judging._named(rubbing, fitted_base(rubbing), quiet)
-    again = judging._further_ahead(rubbing.far_ahead(), near, quiet)
+class Pushed(Cart):
+    """The same, which something else may push, too."""
+
+    ports: ClassVar = [
+        Port.force("speed_mps", inertia="mass_kg", kinds=["coulomb-friction", "offset"]),
+    ]
+
+
+def test_what_is_named_near_is_where_the_search_far_ahead_begins():
+    model = LogModel(Pushed(), [recorded(3.0)])
+    near = judging._named(model, fitted_base(model), quiet)
+    again = judging._further_ahead(model.far_ahead(), near, quiet)
     assert near.found.hypothesis == again.found.hypothesis == (FRICTION,)
     assert not again.model.is_pushed
     *before, asked = again.rounds
@@ -213,6 +223,9 @@ def test_what_is_named_near_is_where_the_search_far_ahead_begins(rubbing):
     assert asked["given"] == [FRICTION]
     low, high = again.found.interval(f"{FRICTION}.force")
     assert low < near.found.value(f"{FRICTION}.force") < high
+    placebo = answer_of(again).placebo  # which was asked near, in the first ranking
+    assert placebo is not None
+    assert placebo.name == "offset@speed_mps"
 
 
 def test_steps_go_on_from_an_answer_far_ahead(rubbing, monkeypatch, tmp_path):

@@ -29,6 +29,12 @@ def asked_far_ahead(model: "Comparison") -> "Comparison | None":
     return None if view is None else view()
 
 
+def theta_from(model: "Comparison", hypothesis: tuple[str, ...], *fits: Fit) -> FloatArray:
+    """Parameters (p,) as fits have them, the last of those that do; neutral where none does."""
+    known = {name: value for f in fits for name, value in zip(f.names, f.theta, strict=True)}
+    return np.array([known.get(f.name, f.neutral) for f in model.free(hypothesis)])
+
+
 def is_far_ahead(model: "Comparison") -> bool:
     """Whether a model predicts far ahead, so that a disturbance shows in many innovations."""
     return not getattr(model, "is_pushed", True)

@@ -32,7 +32,13 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.anew import begun_anew, bettered
 from wakedeploy.gap.search.beginnings import beginning
-from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead, errors, searched_on
+from wakedeploy.gap.search.comparison import (
+    Comparison,
+    asked_far_ahead,
+    errors,
+    searched_on,
+    theta_from,
+)
 from wakedeploy.gap.search.extent import is_steady, profiled
 from wakedeploy.gap.search.rivalry import (
     Verdict,
@@ -143,13 +149,9 @@ def _further_ahead(far: Comparison, near: Named, progress: Progress) -> Named:
     It is fitted there, too. A forecast's few readings alone leave room for laws that every reading
     speaks against.
     """
-    base = fitted_base(far)
-    known = dict(zip(base.names, base.theta, strict=True))
-    start = [
-        known.get(f.name, near.found.value(f.name) if f.name in near.found.names else f.neutral)
-        for f in far.free(near.found.hypothesis)
-    ]
-    found = settled(far, fit(far, near.found.hypothesis, base.episodes, np.array(start)))[0]
+    base, hypothesis = fitted_base(far), near.found.hypothesis
+    start = theta_from(far, hypothesis, near.found, base)
+    found = settled(far, fit(far, hypothesis, base.episodes, start))[0]
     rounds = copy.deepcopy(near.rounds)
     begun = replace(near, model=far, base=base, found=found, rounds=rounds)
     return _searched(far, base, begun, progress)
@@ -160,10 +162,8 @@ def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[dict[st
     acting = getattr(model, "leftovers", None)
     if acting is None:
         return ()
-    known = dict(zip(outcome.found.names, outcome.found.theta, strict=True))
-    known |= dict(zip(again.found.names, again.found.theta, strict=True))
     hypothesis = again.found.hypothesis
-    start = np.array([known[f.name] for f in model.free(hypothesis)])
+    start = theta_from(model, hypothesis, outcome.found, again.found)
     fitted = settled(model, fit(model, hypothesis, outcome.found.episodes, start))[0]
     left: tuple[dict[str, Any], ...] = acting(fitted)
     return left
@@ -543,7 +543,7 @@ def _borne_out(model: Comparison, outcome: Named) -> Named:
 def _without(model: Comparison, found: Fit, name: str) -> Fit:
     """A fit of the others."""
     rest = tuple(n for n in found.hypothesis if n != name)
-    start = _shared(model, found, rest)
+    start = theta_from(model, rest, found)
     return settled(model, fit(model, rest, found.episodes, start))[0]
 
 
@@ -562,12 +562,6 @@ def _evident_by_size(found: Fit, name: str) -> float:
     marginal = total[np.ix_(places, places)] - total[np.ix_(places, rest)] @ follow
     away = np.array([found.theta[i] - found.free[i].neutral for i in places])
     return 0.5 * float(away @ marginal @ away)
-
-
-def _shared(model: Comparison, fitted: Fit, hypothesis: tuple[str, ...]) -> FloatArray:
-    """A fit's parameters as far as a smaller hypothesis has them."""
-    known = dict(zip(fitted.names, fitted.theta, strict=True))
-    return np.array([known[f.name] for f in model.free(hypothesis)])
 
 
 def _still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:

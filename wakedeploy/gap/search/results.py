@@ -29,7 +29,13 @@ from wakedeploy.gap.search.artefacts import (
     White,
     WhitePair,
 )
-from wakedeploy.gap.search.comparison import Comparison, errors, residual_series, searched_on
+from wakedeploy.gap.search.comparison import (
+    Comparison,
+    errors,
+    residual_series,
+    searched_on,
+    theta_from,
+)
 from wakedeploy.gap.search.judging import Named, verdict_of
 from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
@@ -141,8 +147,10 @@ def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
     if not outcome.found.hypothesis or wrong is None:
         return None
     instead = wrong.fit
-    if searched_on(model) is not model:  # it was fitted to a part
-        instead = fit(model, instead.hypothesis, instead.episodes, instead.theta)
+    is_of_part = searched_on(model) is not model
+    if is_of_part or instead.names != tuple(f.name for f in model.free(instead.hypothesis)):
+        start = theta_from(model, instead.hypothesis, instead)  # or it was asked for near readings
+        instead = fit(model, instead.hypothesis, outcome.base.episodes, start)
     before, after = (errors(model, f, model.sealed()) for f in (outcome.base, instead))
     gain = _sealed_gain(model, outcome.base, instead)
     return Placebo(name=wrong.name, before=before, after=after, sealed_gain_nats=gain)
