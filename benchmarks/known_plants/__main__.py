@@ -1,6 +1,6 @@
 """Ask the workflow about the known plants and count its answers.
 
-`python -m benchmarks.known_plants --json docs/records/known-plants.json` takes five minutes of a
+`python -m benchmarks.known_plants --json docs/records/known-plants.json` takes twelve minutes of a
 processor; it keeps each answer in the folder `--out` and goes on where it was stopped.
 """
 

@@ -14,6 +14,7 @@ from wakedeploy.gap.search.anew import begun_anew
 from wakedeploy.gap.search.comparison import errors
 from wakedeploy.gap.search.judging import Named, fitted_base
 from wakedeploy.gap.search.scan import ranked
+from wakedeploy.gap.systems import own_folder
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.own_folder import OwnFolder
 
@@ -131,6 +132,13 @@ def test_what_was_found_with_other_bounds_or_priors_is_found_again(tmp_path):
     (lag,) = model.effects[LAG]
     before = OwnFolder(model, tmp_path).key
     model.effects = {**model.effects, LAG: (replace(lag, prior_sd=2.0 * lag.prior_sd),)}
+    assert OwnFolder(model, tmp_path).key != before
+
+
+def test_what_another_version_of_the_program_found_is_found_again(tmp_path, monkeypatch):
+    model = LogModel(Belt(), [driven(4.0)])
+    before = OwnFolder(model, tmp_path).key
+    monkeypatch.setattr(own_folder, "VERSION", "0.0.0")
     assert OwnFolder(model, tmp_path).key != before
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from wakedeploy.core.version import VERSION
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer
@@ -38,7 +39,7 @@ class OwnFolder(Folder):
 
 
 def _key(model: LogModel) -> str:
-    """A hash of the rules, the logs, the effects with their parameters, and of the system.
+    """A hash of program, rules, logs, effects with their parameters, and the system.
 
     Of the system it is what it states and what its functions compute.
     """
@@ -49,7 +50,9 @@ def _key(model: LogModel) -> str:
         system.constants, [replace(port, function=None) for port in system.ports],
         system.process_noise, system.start_spread, system.outlier_share, system.forecast_s,
     )  # fmt: skip
-    digest.update(repr((RULES, system.name, stated, sorted(model.effects.items()))).encode())
+    digest.update(
+        repr((VERSION, RULES, system.name, stated, sorted(model.effects.items()))).encode()
+    )
     for log in model.logs:
         digest.update(log.name.encode())
         digest.update(log.driving.tobytes() + log.outputs.tobytes())
