@@ -21,7 +21,8 @@ from wakedeploy.core.files import json_text, write_text_whole
 from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.expected_gains import promises
-from wakedeploy.gap.evidence.inference import Fit, fit
+from wakedeploy.gap.evidence.fits import Fit
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log, read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.reference.corrected import corrected, form_force_n

@@ -24,7 +24,7 @@ from benchmarks.hidden_effects.worlds import flight
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.core.processes import default_workers, pool
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import extended
+from wakedeploy.gap.evidence.fits import extended
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.physics.constants import spreads_of
 from wakedeploy.physics.effects import LIBRARY

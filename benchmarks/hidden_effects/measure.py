@@ -14,7 +14,8 @@ from scipy.stats import t as student
 
 from benchmarks.hidden_effects.outside import OUTSIDE
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import Fit, extended, fit, held_out
+from wakedeploy.gap.evidence.fits import Fit, extended
+from wakedeploy.gap.evidence.inference import fit, held_out
 from wakedeploy.gap.evidence.ranking import candidate, rank
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel

@@ -18,7 +18,7 @@ from benchmarks.records import ROOT
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.search.artefacts import Ranked
 from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.judging import Named, fitted_base, named

@@ -26,7 +26,7 @@ from benchmarks.real_systems.cases import CASES, Case
 from benchmarks.records import COMMIT, write
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import append_json_line, read_json_lines
-from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.search.comparison import errors
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.logs import LogModel

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from wakedeploy.gap.evidence.inference import Free, Score
+from wakedeploy.gap.evidence.fits import Free, Score
 
 EPISODES, SAMPLES = 5, 60
 CALIBRATED = {"gain": (0.4, 0.3), "offset": (-0.2, 0.5)}  # centre and deviation of the priors

@@ -12,7 +12,7 @@ from wakedeploy.cli.output import print_table, write_json
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.evidence.inference import Fit
+    from wakedeploy.gap.evidence.fits import Fit
     from wakedeploy.gap.search.artefacts import Answer
     from wakedeploy.gap.systems.logs import LogModel
     from wakedeploy.gap.systems.planning.plan import Plan

@@ -12,7 +12,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.inference import Fit, slopes_at
+from wakedeploy.gap.evidence.ascent import slopes_at
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, Result, joined, read
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead

@@ -12,18 +12,9 @@ from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence import inference
-from wakedeploy.gap.evidence.inference import (
-    Free,
-    Score,
-    extended,
-    fit,
-    held_out,
-    log_prior,
-    neutral,
-    settled,
-    slopes_at,
-    top_within,
-)
+from wakedeploy.gap.evidence.ascent import slopes_at, top_within
+from wakedeploy.gap.evidence.fits import Free, Score, extended, log_prior, neutral
+from wakedeploy.gap.evidence.inference import fit, held_out, settled
 
 EVERY = range(EPISODES)
 TRUTH = {"gain": 0.7, "offset": -0.5, "a": 0.6}

@@ -8,7 +8,8 @@ import pytest
 from linear_model import EFFECTS, EPISODES, Linear
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Free, Score, fit
+from wakedeploy.gap.evidence.fits import Free, Score
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank, rank_fairly
 from wakedeploy.gap.evidence.separation import explained, information
 

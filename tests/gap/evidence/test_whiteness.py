@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from wakedeploy.gap.evidence.inference import Fit, Score, Slopes
+from wakedeploy.gap.evidence.fits import Fit, Score, Slopes
 from wakedeploy.gap.evidence.whiteness import LAGS, REFERENCE_SAMPLES, samples, spectrum, whiteness
 
 

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap import workflow
-from wakedeploy.gap.evidence.inference import neutral
+from wakedeploy.gap.evidence.fits import neutral
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.progress import quiet
 from wakedeploy.gap.search import judging

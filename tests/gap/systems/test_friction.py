@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import Fit, Slopes, scores_of
+from wakedeploy.gap.evidence.fits import Fit, Slopes, scores_of
 from wakedeploy.gap.search.judging import REFINES, fitted_base, named
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.logs import LogModel

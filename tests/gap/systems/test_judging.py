@@ -9,7 +9,8 @@ from linear_model import EPISODES, Linear
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes, fit
+from wakedeploy.gap.evidence.fits import Fit, Free, Score, Slopes
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search import judging, scan, weighing

@@ -8,7 +8,8 @@ import scipy.signal
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import applied, extended, fit
+from wakedeploy.gap.evidence.fits import extended
+from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
 from wakedeploy.gap.systems.kinds.inputs import DeadTime, Lag, SecondOrderLag
 from wakedeploy.gap.systems.logs import LogModel

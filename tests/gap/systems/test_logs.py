@@ -7,7 +7,8 @@ from scipy.linalg import expm
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import extended, fit, neutral
+from wakedeploy.gap.evidence.fits import extended, neutral
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.search.judging import fitted_base, is_nothing, named, verdict_of
 from wakedeploy.gap.systems import logs
 from wakedeploy.gap.systems.logs import LogModel

@@ -9,7 +9,7 @@ from scipy.stats import binned_statistic, multivariate_normal
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap import workflow
-from wakedeploy.gap.evidence.inference import Free
+from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, read
 from wakedeploy.gap.search.comparison import Record

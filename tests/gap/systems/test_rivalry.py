@@ -11,7 +11,8 @@ from scipy.stats import t as student_t
 from tests.gap.linear_model import Linear
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import Free, Score, fit
+from wakedeploy.gap.evidence.fits import Free, Score
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.search import judging
 from wakedeploy.gap.search.extent import profiled

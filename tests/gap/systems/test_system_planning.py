@@ -12,7 +12,8 @@ from wakedeploy.cli import main
 from wakedeploy.cli.gap_plan_system import stated_answer, stated_sizes
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import extended, fit
+from wakedeploy.gap.evidence.fits import extended
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Model, Score, extended
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Model, Score, extended
 from wakedeploy.gap.evidence.ranking import BENT_NATS, BENT_SD
 
 _NO_SLOPE_NATS = 1e-9

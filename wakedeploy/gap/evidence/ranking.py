@@ -12,18 +12,9 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import (
-    Fit,
-    FloatArray,
-    Free,
-    Hypothesis,
-    Model,
-    Slopes,
-    extended,
-    fit,
-    held_out,
-    slopes_at,
-)
+from wakedeploy.gap.evidence.ascent import slopes_at
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Model, Slopes, extended
+from wakedeploy.gap.evidence.inference import fit, held_out
 from wakedeploy.gap.progress import Steps, uncounted
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import (
+from wakedeploy.gap.evidence.fits import (
     Fit,
     FloatArray,
     Free,

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.signal import periodogram
 from scipy.stats import chi2
 
-from wakedeploy.gap.evidence.inference import Fit, Score
+from wakedeploy.gap.evidence.fits import Fit, Score
 from wakedeploy.gap.rules import RULES
 
 FloatArray = npt.NDArray[np.float64]

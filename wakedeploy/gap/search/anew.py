@@ -11,15 +11,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import (
-    Fit,
-    FloatArray,
-    Score,
-    Slopes,
-    fit,
-    scores_of,
-    settled,
-)
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Score, Slopes, scores_of
+from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.search.beginnings import points_around
 from wakedeploy.gap.search.climbing import advanced, fresh

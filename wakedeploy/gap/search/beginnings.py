@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import qmc
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Slopes, neutral, scores_of
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Slopes, neutral, scores_of
 from wakedeploy.gap.search.climbing import raced
 from wakedeploy.gap.search.comparison import Comparison
 

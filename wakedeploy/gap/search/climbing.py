@@ -9,19 +9,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import (
+from wakedeploy.gap.evidence.ascent import top_within
+from wakedeploy.gap.evidence.fits import (
     Fit,
     FloatArray,
     Score,
     Slopes,
-    fit,
     log_prior,
     neutral,
     prior_precision,
     scores_of,
-    settled,
-    top_within,
 )
+from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.search.comparison import Comparison
 
 _DAMPED = ((1e-3, 0.1, 1.0, 10.0), (100.0, 1e3, 1e4))  # the latter where the former only fall

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Model
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Model
 from wakedeploy.gap.search.places import Axes, Residuals
 
 _CORRELATIONS = 5.0  # times the noise's time constant: how long a block of residuals is

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import t as student_t
 from scipy.stats import wilcoxon
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, Slopes
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Slopes
 from wakedeploy.gap.search.climbing import climbed
 from wakedeploy.gap.search.comparison import Comparison
 

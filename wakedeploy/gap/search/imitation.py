@@ -9,14 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import (
-    Fit,
-    FloatArray,
-    Free,
-    Slopes,
-    extended,
-    log_prior,
-)
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Slopes, extended, log_prior
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import raced
 from wakedeploy.gap.search.comparison import Comparison

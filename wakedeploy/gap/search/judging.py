@@ -19,14 +19,8 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.inference import (
-    Fit,
-    FloatArray,
-    fit,
-    held_out,
-    prior_precision,
-    settled,
-)
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
+from wakedeploy.gap.evidence.inference import fit, held_out, settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES

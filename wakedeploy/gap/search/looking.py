@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import (
+from wakedeploy.gap.evidence.fits import (
     LOST_NATS,
     Fit,
     FloatArray,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.wording import signs

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.search.comparison import Comparison
 
 _RANGES = 6

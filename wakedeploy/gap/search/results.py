@@ -8,7 +8,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, applied, fit
+from wakedeploy.gap.evidence.fits import Fit
+from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.search.artefacts import (
     Answer,

@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Fit, Model, extended, fit, settled
+from wakedeploy.gap.evidence.fits import Fit, Model, extended
+from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.search.artefacts import Round, Size, Sizes
 

@@ -11,13 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import (
-    Fit,
-    FloatArray,
-    applied,
-    prior_precision,
-    top_within,
-)
+from wakedeploy.gap.evidence.ascent import top_within
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
+from wakedeploy.gap.evidence.inference import applied
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, errors
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.kinds.forces import AT_ONCE, At, DryFriction, ForceKind
 from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
 from wakedeploy.gap.systems.kinds.library import Effect

@@ -16,7 +16,7 @@ from wakedeploy.core.files import text_of, toml_of, write_text_whole
 from wakedeploy.core.validation import first_problem
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.evidence.inference import Fit
+    from wakedeploy.gap.evidence.fits import Fit
     from wakedeploy.gap.systems.logs import LogModel
 
 VERSION = 4

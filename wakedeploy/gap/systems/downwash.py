@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.inference import FloatArray, Free
+from wakedeploy.gap.evidence.fits import FloatArray, Free
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.response import ResponseModel, Values, covariance

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.gap.evidence.inference import LOST_NATS, FloatArray
+from wakedeploy.gap.evidence.fits import LOST_NATS, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.blocks import Block, Log, Pieces, pieces_of
 from wakedeploy.gap.systems.kinds.inputs import InputKind

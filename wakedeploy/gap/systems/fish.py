@@ -15,7 +15,8 @@ from scipy.signal import coherence, csd, lfilter
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.fish import RATE_HZ, import_set
-from wakedeploy.gap.evidence.inference import FloatArray, Free, fit
+from wakedeploy.gap.evidence.fits import FloatArray, Free
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.progress import Progress, Steps, uncounted
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.response import ResponseModel, Values, required

@@ -20,7 +20,7 @@ from wakedeploy.domains.quadrotor_files import (
     smoothed,
     transport_term,
 )
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.fits import FloatArray
 
 GRAVITY_MPS2 = 9.81
 FAR_M = 2.0

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, settled
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
+from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import is_far_ahead
 from wakedeploy.gap.search.looking import Ground, Look, looks

@@ -17,7 +17,7 @@ from scipy.signal import savgol_filter
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Score
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from wakedeploy.domains.motor import Step, read_steps
-from wakedeploy.gap.evidence.inference import FloatArray, Free
+from wakedeploy.gap.evidence.fits import FloatArray, Free
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.response import ResponseModel, Values, required

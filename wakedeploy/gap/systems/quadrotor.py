@@ -27,7 +27,7 @@ from wakedeploy.domains.quadrotor_files import (
     thrust_n,
     transport_term,
 )
-from wakedeploy.gap.evidence.inference import FloatArray, Free
+from wakedeploy.gap.evidence.fits import FloatArray, Free
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.label_audit import FAR_M, audit

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Score
 from wakedeploy.gap.search.comparison import Record
 
 Values = Mapping[str, float]

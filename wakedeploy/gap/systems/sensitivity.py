@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, prior_precision
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL

@@ -3,7 +3,7 @@
 import numpy as np
 
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.kinds.library import offered
 from wakedeploy.gap.systems.logs import LogModel

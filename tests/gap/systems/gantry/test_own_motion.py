@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from recorded import RIG, flown, with_effects
 
-from wakedeploy.gap.evidence.inference import Fit, extended, fit
+from wakedeploy.gap.evidence.fits import Fit, extended
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.before_after import Shown, gaps
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base, ranked_by_own_motion

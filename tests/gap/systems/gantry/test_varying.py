@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.inference import Score
+from wakedeploy.gap.evidence.fits import Score
 from wakedeploy.gap.systems.gantry.discrepancy import form_hooks, free_terms
 from wakedeploy.gap.systems.gantry.varying import (
     freed,

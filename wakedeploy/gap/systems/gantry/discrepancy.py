@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import Free
+from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.systems.gantry.flight import FloatArray
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.gantry import GantryPlant

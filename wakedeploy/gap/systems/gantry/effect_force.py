@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.systems.gantry.flight import DT_S, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.physics.effects.chain import default_lead_s

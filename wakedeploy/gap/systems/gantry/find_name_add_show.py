@@ -16,7 +16,8 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import Fit, extended, fit
+from wakedeploy.gap.evidence.fits import Fit, extended
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.few_flights import cannot_tell, headline
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import sealed_count

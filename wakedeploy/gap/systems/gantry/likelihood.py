@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import Fit, Free, Hypothesis, Score, Slopes, neutral
+from wakedeploy.gap.evidence.fits import Fit, Free, Hypothesis, Score, Slopes, neutral
 from wakedeploy.gap.systems.gantry.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.systems.gantry.forces import Forces, Physics
 from wakedeploy.gap.systems.gantry.parameters import HOLD, NOISE, Layout, own_effects

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import Free
+from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.systems.gantry.discrepancy import free_terms
 from wakedeploy.gap.systems.gantry.flight import FloatArray
 from wakedeploy.physics.constants import Constants, constants_of, spreads_of

@@ -15,7 +15,7 @@ knows.
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.search.places import INNOVATION, Residuals
 from wakedeploy.gap.systems.gantry.flight import DT_S, GRID_HZ, Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wakedeploy.core import rig
-from wakedeploy.gap.evidence.inference import FloatArray, Score
+from wakedeploy.gap.evidence.fits import FloatArray, Score
 from wakedeploy.physics.constants import Constants, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import Chain

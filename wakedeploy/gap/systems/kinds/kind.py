@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.gap.evidence.inference import Free
+from wakedeploy.gap.evidence.fits import Free
 
 FloatArray = npt.NDArray[np.float64]
 Parameters = Mapping[str, Any]  # by name, arrays that broadcast against the states

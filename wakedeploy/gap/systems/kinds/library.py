@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.inference import Free
+from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.systems.kinds import forces, inputs, sensors
 from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
 from wakedeploy.gap.systems.system import Port, System

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.fits import FloatArray
 
 _PERIODS = (400, 4)  # samples of the slowest and the fastest wave
 _SEED = 4711

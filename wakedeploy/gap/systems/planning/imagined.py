@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.between import between
 from wakedeploy.gap.systems.logs import LogModel

@@ -16,7 +16,8 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, slopes_at
+from wakedeploy.gap.evidence.ascent import slopes_at
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU, Excitation

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, extended
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.logs import LogModel

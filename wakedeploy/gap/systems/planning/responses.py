@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import (
+from wakedeploy.gap.evidence.fits import (
     Fit,
     FloatArray,
     Score,

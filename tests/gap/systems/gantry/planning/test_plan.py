@@ -6,7 +6,8 @@ import pytest
 from runtime.reference_file import read_reference
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.evidence.inference import Free, Score, fit
+from wakedeploy.gap.evidence.fits import Free, Score
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.evidence.separation import gain_nats, gather, loss_nats
 from wakedeploy.gap.rules import sealed_count

@@ -4,7 +4,8 @@ import pytest
 from fabricated_artefacts import summary
 from recorded import RIG, based, flown
 
-from wakedeploy.gap.evidence.inference import extended, fit
+from wakedeploy.gap.evidence.fits import extended
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.systems.gantry.findings import Sized, Sizes
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel

@@ -9,7 +9,8 @@ import pytest
 from fabricated_artefacts import PLACE, leave, summary
 from recorded import RIG, flown, with_effects
 
-from wakedeploy.gap.evidence.inference import extended, fit
+from wakedeploy.gap.evidence.fits import extended
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.report.shrinkage import channel_lines

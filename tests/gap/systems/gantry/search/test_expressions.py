@@ -8,7 +8,8 @@ import pytest
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.expected_gains import promises
-from wakedeploy.gap.evidence.inference import Free, Score, fit
+from wakedeploy.gap.evidence.fits import Free, Score
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.systems.gantry.findings import Expression as Told
 from wakedeploy.gap.systems.gantry.findings import Size
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS, neighbours, wave_in_time

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from recorded import RIG, flown
 
-from wakedeploy.gap.evidence.inference import Fit, Slopes
+from wakedeploy.gap.evidence.fits import Fit, Slopes
 from wakedeploy.gap.report.summary import account, verdict_sentence
 from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.effect_force import Cost, force_of, tracking_error

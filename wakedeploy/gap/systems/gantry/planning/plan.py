@@ -18,7 +18,7 @@ from runtime.reference_file import write_reference
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.evidence.separation import Evidence, gather, loss_nats
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.systems.gantry import artefacts

@@ -16,7 +16,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.evidence.separation import (
     Evidence,
     gain_nats,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.evidence.separation import Evidence, fitted_shares
 from wakedeploy.gap.rules import RULES, sealed_count
 

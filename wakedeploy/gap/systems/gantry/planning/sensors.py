@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wakedeploy.core.rig import LOOP_RATE_HZ
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.separation import Evidence
 from wakedeploy.gap.systems.gantry.flight import DT_S, GRID_HZ, Flight, FloatArray
 from wakedeploy.gap.systems.gantry.forces import Forces

@@ -13,7 +13,8 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
 from wakedeploy.core.rig_sections import Repeatability
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, extended, fit
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.flight import Flight

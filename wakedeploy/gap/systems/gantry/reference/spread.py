@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.fits import FloatArray
 
 LEVEL = 0.9
 SURELY = 0.05  # a variation that chance makes more often than this is none

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.separation import gather, loss_nats
 from wakedeploy.gap.search.artefacts import Quantity, White
 from wakedeploy.gap.systems.gantry.artefacts import Name

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Fit, Hypothesis, Slopes, applied, fit
+from wakedeploy.gap.evidence.fits import Fit, Hypothesis, Slopes
+from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
 from wakedeploy.gap.few_flights import cannot_tell
 from wakedeploy.gap.search.artefacts import Place, White, WhitePair

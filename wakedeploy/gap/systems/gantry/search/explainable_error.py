@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.systems.gantry.flight import FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import AHEAD_S, COORDINATES, residuals

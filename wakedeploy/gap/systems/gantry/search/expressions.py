@@ -31,15 +31,8 @@ from wakedeploy.core.expression import (
     parse,
 )
 from wakedeploy.gap.evidence.expected_gains import promises
-from wakedeploy.gap.evidence.inference import (
-    Fit,
-    FloatArray,
-    Hypothesis,
-    Model,
-    extended,
-    fit,
-    held_out,
-)
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Hypothesis, Model, extended
+from wakedeploy.gap.evidence.inference import fit, held_out
 from wakedeploy.gap.evidence.ranking import Candidate, rank
 from wakedeploy.gap.systems.gantry import findings
 from wakedeploy.gap.systems.gantry.search.expression_terms import (

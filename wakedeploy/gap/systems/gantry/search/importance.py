@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.search.artefacts import Forecast
 from wakedeploy.gap.systems.gantry.effect_force import Cost, cost_of
 from wakedeploy.gap.systems.gantry.findings import Tracking, Worth

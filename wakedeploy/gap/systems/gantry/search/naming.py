@@ -16,7 +16,8 @@ import numpy as np
 
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.expected_gains import worth_trying
-from wakedeploy.gap.evidence.inference import Fit, Hypothesis, fit, held_out
+from wakedeploy.gap.evidence.fits import Fit, Hypothesis
+from wakedeploy.gap.evidence.inference import fit, held_out
 from wakedeploy.gap.evidence.ranking import (
     LEDGE_NATS,
     Candidate,

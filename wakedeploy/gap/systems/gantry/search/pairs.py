@@ -9,7 +9,8 @@ In: a base, a first ranking. Out: the pair that gains most, if two effects do be
 from collections.abc import Sequence
 
 from wakedeploy.gap.evidence.expected_gains import promises
-from wakedeploy.gap.evidence.inference import Fit, extended, fit, held_out
+from wakedeploy.gap.evidence.fits import Fit, extended
+from wakedeploy.gap.evidence.inference import fit, held_out
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.refitting import refitted

@@ -9,7 +9,7 @@ import functools
 from collections.abc import Sequence
 from dataclasses import replace
 
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.progress import Progress, quiet

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, Hypothesis, applied, fit
+from wakedeploy.gap.evidence.fits import Fit, Hypothesis
+from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.expressions import Symbolic, symbolic_of

@@ -15,7 +15,7 @@ from wakedeploy.core.archive import Arrays, read_archive
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import write_bytes_whole
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import Fit, Hypothesis, Slopes
+from wakedeploy.gap.evidence.fits import Fit, Hypothesis, Slopes
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS

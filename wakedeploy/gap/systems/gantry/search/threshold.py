@@ -27,7 +27,7 @@ from wakedeploy.core.files import (
 from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn

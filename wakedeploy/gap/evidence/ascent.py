@@ -1,0 +1,251 @@
+"""The way up a likelihood: Levenberg and Marquardt's steps between bounds.
+
+In: a `Model`, a hypothesis and where to begin. Out: a `Fit`, or slopes at some parameters.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from wakedeploy.gap.evidence.fits import (
+    FLAT,
+    Fit,
+    FloatArray,
+    Free,
+    Hypothesis,
+    Model,
+    Score,
+    Slopes,
+    bounds_of,
+    log_prior,
+    neutral,
+    prior_precision,
+    scores_of,
+)
+
+ENOUGH_NATS = 0.05  # a step that promises less ends a fit
+_ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, twelve do not do
+# Steps keep slopes until they have gained so much together; those of the form, nearly linear, for
+# longer, and in any case while the climb is far away.
+_SETTLED_NATS, _FORM_SETTLED_NATS, _FAR_NATS = 2.0, 20.0, 200.0
+# A climb that slows to steps of so many nats is given up where it promises, times the optimism,
+# less than what it has to reach. Faster ones come from far away, where promises are too small.
+_SLOW_NATS, _OPTIMISM = 30.0, 3.0
+
+
+class Ascent:
+    """Levenberg–Marquardt on the log posterior.
+
+    The expected information is too little curvature where the noise is not what the model thinks.
+    A climb with fresh slopes learns from its steps what is lacking (Dennis, Gay and Welsch 1981):
+    it ends at the top, where others stop on the way along a ridge.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        hypothesis: Hypothesis,
+        free: tuple[Free, ...],
+        episodes: tuple[int, ...],
+        moving: Sequence[int] | None,
+        least: float,
+        enough_nats: float | None = None,
+    ) -> None:
+        self._model, self._hypothesis, self._free = model, hypothesis, free
+        self._episodes, self._moving, self._least = episodes, moving, least
+        self._is_fresh = enough_nats is not None
+        self._enough_nats = ENOUGH_NATS if enough_nats is None else enough_nats
+        self._lacking = np.zeros((len(free), len(free)))  # curvature beside the information
+        self._gained = np.zeros(len(free))  # nats since each parameter's slopes were renewed
+        self._precision = prior_precision(free)
+        self._centre = neutral(free)
+
+    def run(self, theta: FloatArray, slopes: Slopes | None) -> Fit:
+        """The fit that is reached from parameters (p,); `slopes` as far as they are known there."""
+        slopes = slopes if slopes is not None else self.slopes(theta, None)
+        value = self._objective(slopes.scores, theta)
+        damping, converged, gained = 1e-3, False, np.inf
+        for _ in range(_ITERATIONS):
+            tried, promised = self._tried(slopes, theta, damping)
+            if promised < self._enough_nats:
+                converged = True
+                break
+            if gained < _SLOW_NATS and value + _OPTIMISM * promised < self._least:
+                break
+            scores = self._scores(tried)
+            reached = self._objective(scores, tried)
+            if not reached > value:
+                damping = max(10.0 * damping, 1e-2)
+                if damping > 1e4:
+                    break
+                continue
+            gained, value, before = reached - value, reached, (slopes, theta)
+            damping = max(0.2 * damping, 1e-6)
+            slopes, theta = self._renewed(slopes, tried, scores, gained), tried
+            if self._is_fresh:
+                self._learn(*before, slopes, theta)
+        per_episode = np.array([s.log_density.sum() for s in slopes.scores])
+        return Fit(
+            self._hypothesis,
+            self._free,
+            self._episodes,
+            theta,
+            slopes,
+            per_episode,
+            converged=converged,
+        )
+
+    def _renewed(
+        self, slopes: Slopes, theta: FloatArray, scores: tuple[Score, ...], gained: float
+    ) -> Slopes:
+        """Slopes of what has moved far enough to bend; all scores are new.
+
+        Of the form, which is nearly linear, only once the climb is no longer far away.
+        """
+        if self._is_fresh:
+            return self.slopes(theta, None, scores)
+        if self._moving is not None:
+            return self.slopes(theta, (slopes, self._moving), scores)
+        self._gained += gained
+        is_form = np.array([f.is_form for f in self._free])
+        due = self._gained > np.where(is_form, _FORM_SETTLED_NATS, _SETTLED_NATS)
+        due &= ~(is_form & (gained > _FAR_NATS))
+        self._gained[due] = 0.0
+        return self.slopes(theta, (slopes, np.flatnonzero(due).tolist()), scores)
+
+    def _tried(self, slopes: Slopes, theta: FloatArray, damping: float) -> tuple[FloatArray, float]:
+        """Where a step leads, (p,), and the nats that it promises."""
+        gradient, information = self._gradient(slopes, theta), self._information(slopes)
+        low, high = bounds_of(self._free)
+        extra = np.diag(damping * np.diag(information))
+        curvature = information
+        if self._is_fresh and _is_convex(information + self._lacking + extra):
+            curvature = information + self._lacking
+        tried = top_within(theta, gradient, curvature + extra, low, high)
+        step = tried - theta
+        return tried, float(gradient @ step - 0.5 * step @ curvature @ step)
+
+    def _learn(
+        self, slopes: Slopes, theta: FloatArray, slopes_there: Slopes, there: FloatArray
+    ) -> None:
+        """How the gradient changed along a step says what the information there lacks."""
+        step = there - theta
+        bend = self._gradient(slopes, theta) - self._gradient(slopes_there, there)
+        missing = bend - self._information(slopes_there) @ step
+        known = abs(float(step @ self._lacking @ step))
+        if known > 0.0:
+            self._lacking *= min(1.0, abs(float(step @ missing)) / known)
+        along = float(bend @ step)
+        if along > 0.0:
+            rest = missing - self._lacking @ step
+            both = np.outer(rest, bend) / along
+            self._lacking += both + both.T - (rest @ step) * np.outer(bend, bend) / along**2
+
+    def _gradient(self, slopes: Slopes, theta: FloatArray) -> FloatArray:
+        """Of the log posterior, (p,)."""
+        gradient = slopes.gradient().sum(0) - self._precision * (theta - self._centre)
+        return np.asarray(gradient)
+
+    def _information(self, slopes: Slopes) -> FloatArray:
+        """Of all episodes and the prior, (p, p)."""
+        return np.asarray(slopes.fisher().sum(0) + np.diag(self._precision))
+
+    def _objective(self, scores: Sequence[Score], theta: FloatArray) -> float:
+        return sum(float(s.log_density.sum()) for s in scores) + log_prior(self._free, theta)
+
+    def _scores(self, theta: FloatArray) -> tuple[Score, ...]:
+        return self._many(theta[None])[0]
+
+    def _many(self, thetas: FloatArray) -> list[tuple[Score, ...]]:
+        """All episodes under several parameter sets, at once where the model can."""
+        return scores_of(self._model, self._hypothesis, thetas, self._episodes)
+
+    def slopes(
+        self,
+        theta: FloatArray,
+        known: tuple[Slopes, Sequence[int]] | None,
+        scores: tuple[Score, ...] | None = None,
+    ) -> Slopes:
+        """Fresh, or `known` ones with some columns renewed."""
+        here = scores if scores is not None else self._scores(theta)
+        columns = range(len(theta)) if known is None else known[1]
+        innovation = _columns(here, len(theta), None if known is None else known[0].innovation)
+        variance = _columns(here, len(theta), None if known is None else known[0].variance)
+        moved = [_moved(theta, column, self._free[column]) for column in columns]
+        beside = self._many(np.array([m for m, _ in moved])) if moved else []
+        for column, (_, size), aside in zip(columns, moved, beside, strict=True):
+            for i, (s, there) in enumerate(zip(here, aside, strict=True)):
+                innovation[i][:, column] = (there.innovation - s.innovation) / size
+                variance[i][:, column] = (there.variance - s.variance) / size
+        return Slopes(here, tuple(innovation), tuple(variance))
+
+
+def slopes_at(
+    model: Model,
+    hypothesis: Hypothesis,
+    episodes: Sequence[int],
+    theta: FloatArray,
+    known: tuple[Slopes, Sequence[int]] | None = None,
+) -> Slopes:
+    """Scores and derivatives at some parameters; of `known` ones only some columns are renewed."""
+    free = model.free(hypothesis)
+    return Ascent(model, hypothesis, free, tuple(episodes), None, -np.inf).slopes(theta, known)
+
+
+def _columns(
+    scores: Sequence[Score], count: int, known: Sequence[FloatArray] | None
+) -> list[FloatArray]:
+    if known is not None:
+        return [k.copy() for k in known]
+    return [np.zeros((len(s.innovation), count)) for s in scores]
+
+
+def _moved(theta: FloatArray, column: int, free: Free) -> tuple[FloatArray, float]:
+    """The parameters with one of them a difference step away, on the side that has room."""
+    size = free.step if theta[column] + free.step <= free.high else -free.step
+    moved = theta.copy()
+    moved[column] += size
+    return moved, size
+
+
+def top_within(
+    theta: FloatArray,
+    gradient: FloatArray,
+    curvature: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """The top (p,) of a parabola around `theta` (p,) between bounds, arrays (p,).
+
+    Where a bound stops one parameter the others go as far as that leaves them: cut off by itself, a
+    step along a ridge ends beside it. By active sets (Stark and Parker 1995). What a bound stops is
+    at it to the last digit. What has no room stays, and everything where slopes are not finite.
+    """
+    top, free = theta.copy(), np.flatnonzero(low < high)
+    theta, gradient, curvature = theta[free], gradient[free], curvature[np.ix_(free, free)]
+    if not (len(free) and np.isfinite(gradient).all() and np.isfinite(curvature).all()):
+        return top
+    low, high = low[free], high[free]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    values, vectors = np.linalg.eigh(curvature * scale[:, None] * scale[None, :])
+    told = values > FLAT * values[-1]
+    root, axes = np.sqrt(values[told]), vectors[:, told].T
+    aim = axes @ (scale * gradient) / root
+    step = axes.T @ (aim / root)
+    lowest = np.minimum(low - theta, 0.0) / scale
+    highest = np.maximum(high - theta, 0.0) / scale
+    if (step < lowest).any() or (step > highest).any():
+        step = lsq_linear(root[:, None] * axes, aim, (lowest, highest), method="bvls").x
+    moved = np.clip(theta + scale * step, low, high)
+    is_low, is_high = step < lowest + FLAT, step > highest - FLAT
+    top[free] = np.where(is_low, low, np.where(is_high, high, moved))
+    return top
+
+
+def _is_convex(matrix: FloatArray) -> bool:
+    """Whether a parabola of this symmetric curvature has a top."""
+    scale = np.diag(matrix)
+    if not (scale > 0.0).all():
+        return False
+    return bool(np.linalg.eigvalsh(matrix / np.sqrt(np.outer(scale, scale)))[0] > FLAT)

@@ -1,0 +1,284 @@
+"""What a hypothesis leaves free, how it scores an episode, and what a fit of it says.
+
+The log density is Gaussian in innovations with outliers weighted down, so that first derivatives
+of innovation and variance give gradient and Fisher information (Gauss–Newton).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student_t
+
+FloatArray = npt.NDArray[np.float64]
+LOST_NATS = -1e6  # log density of a sample whose state has left the model
+Hypothesis = tuple[str, ...]
+
+FLAT = 1e-10  # of a scaled curvature or step, what is nothing but rounding
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter that a fit may move: prior N(neutral, prior_sd²) within [low, high].
+
+    `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
+    parameters with the same `quantity` are the same thing under two names, as a calibrated constant
+    and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
+    `scanned` are sizes to look at before a climb, where a likelihood is jagged; `finest` and
+    `finest_share` (of the size) are the least standard error that may be told of it. `adds_to` is
+    the calibrated constant that a parameter moves without replacing it. `first` is where a first
+    fit begins, if not at neutral: loud noise makes outliers of nothing. `is_form` says that it is
+    of the model's own shape: bent, it tells of no calibration.
+    """
+
+    name: str
+    unit: str
+    neutral: float
+    prior_sd: float
+    low: float
+    high: float
+    step: float
+    starts: tuple[float, ...] = (0.0,)
+    quantity: str = ""
+    adds_to: str = ""
+    first: float | None = None
+    scanned: tuple[float, ...] = ()
+    finest: float = 0.0
+    finest_share: float = 0.0
+    is_form: bool = False
+
+
+@dataclass(frozen=True)
+class Score:
+    """One episode under one hypothesis, sample by sample in order of time, arrays (n,).
+
+    `log_density` in nats; `innovation` and its `variance` in the channel's unit; `weight` is the
+    probability that the sample is no outlier. `channels` are where each channel's samples lie, in
+    order of time; what lies in none is auxiliary, as a mean at rest.
+    """
+
+    log_density: FloatArray
+    innovation: FloatArray
+    variance: FloatArray
+    weight: FloatArray
+    channels: tuple[slice, ...] = (slice(None),)
+
+    @property
+    def white(self) -> FloatArray:
+        """Innovations over their standard deviation, outliers weighted down, (n,)."""
+        return np.asarray(self.innovation / np.sqrt(self.variance) * np.sqrt(self.weight))
+
+
+class Model(Protocol):
+    """What a domain provides: parameters of a hypothesis, and how likely an episode is."""
+
+    @property
+    def episodes(self) -> int:
+        """How many episodes there are."""
+        ...
+
+    def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
+        """Noise, nuisances and the effects' parameters; these are named `<effect>.<parameter>`."""
+        ...
+
+    def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
+        """One episode under parameters (p,), ordered as `free` says."""
+        ...
+
+
+def scores_of(
+    model: Model, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
+) -> list[tuple[Score, ...]]:
+    """Episodes under parameter sets (K, p): for each set a score of each episode.
+
+    A model that has a `scores` of the same arguments scores them all in about the time of one.
+    """
+    together = getattr(model, "scores", None)
+    if together is not None:
+        found: list[tuple[Score, ...]] = together(hypothesis, thetas, episodes)
+        return found
+    return [tuple(model.score(hypothesis, theta, e) for e in episodes) for theta in thetas]
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Scores of several episodes and their derivatives by every parameter."""
+
+    scores: tuple[Score, ...]
+    innovation: tuple[FloatArray, ...]  # (n, p) each
+    variance: tuple[FloatArray, ...]  # (n, p) each
+
+    def gradient(self) -> FloatArray:
+        """Of the log likelihood, per episode, (E, p)."""
+        return np.array(
+            [
+                _gradient(*each)
+                for each in zip(self.scores, self.innovation, self.variance, strict=True)
+            ]
+        )
+
+    def fisher(self) -> FloatArray:
+        """Expected information per episode, (E, p, p)."""
+        return np.array(
+            [
+                _fisher(*each)
+                for each in zip(self.scores, self.innovation, self.variance, strict=True)
+            ]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A hypothesis at its maximum a posteriori; everything per episode (E, …).
+
+    `summits` are fits of the same hypothesis elsewhere that these episodes do not tell from it.
+    `converged` says that its climb ended where no step promised anything. `profiled` are ends
+    beyond which no interval reaches, by parameter, where the likelihood is no parabola.
+    """
+
+    hypothesis: Hypothesis
+    free: tuple[Free, ...]
+    episodes: tuple[int, ...]
+    theta: FloatArray  # (p,)
+    slopes: Slopes = field(repr=False)
+    per_episode: FloatArray  # (E,) log likelihood in nats
+    summits: tuple["Fit", ...] = field(default=(), repr=False)
+    converged: bool = True
+    profiled: Mapping[str, tuple[float, float]] = field(default_factory=dict, repr=False)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Over all episodes, without the priors [nats]."""
+        return float(self.per_episode.sum())
+
+    @property
+    def objective(self) -> float:
+        """Log likelihood and priors together [nats]."""
+        return self.log_likelihood + self.log_prior
+
+    @property
+    def log_prior(self) -> float:
+        """How well the parameters agree with their priors, 0 at best [nats]."""
+        return log_prior(self.free, self.theta)
+
+    @property
+    def calibration_log_prior(self) -> float:
+        """The same of calibrated constants alone, without noise and the model's form [nats]."""
+        kept = [i for i, f in enumerate(self.free) if f.quantity]
+        return log_prior([self.free[i] for i in kept], self.theta[kept])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+        return tuple(f.name for f in self.free)
+
+    def value(self, name: str) -> float:
+        """A parameter's estimate; KeyError for one that is not free."""
+        return float(self.theta[self._index(name)])
+
+    def standard_error(self, name: str) -> float:
+        """The larger of two: from the curvature and from the spread between episodes.
+
+        The curvature knows nothing of what the model lacks, and the spread of a few episodes may be
+        small by chance; clustered by episode, it is the jackknife's, and the priors' own.
+        """
+        free = self.free[self._index(name)]
+        finest = max(free.finest, free.finest_share * abs(self.value(name)))
+        return max(float(np.sqrt(max(self._variances(name)))), finest)
+
+    def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
+        """Where the parameter lies with this probability, clipped to its bounds.
+
+        From the lowest to the highest end that any of the summits has. The quantile is Student's:
+        with one degree of freedom less than there are episodes where their spread decides, with
+        twice as many where the curvature bears it out.
+        """
+        free = self.free[self._index(name)]
+        ends = [summit._ends(name, level) for summit in (self, *self.summits)]
+        lowest, highest = self.profiled.get(name, (-np.inf, np.inf))
+        low = max(min(low for low, _ in ends), free.low, lowest)
+        return low, min(max(high for _, high in ends), free.high, highest)
+
+    def _ends(self, name: str, level: float) -> tuple[float, float]:
+        """The interval around this summit alone, not clipped."""
+        curvature, spread = self._variances(name)
+        freedom = max(len(self.episodes) - 1, 1) * (1 if spread > curvature else 2)
+        reach = float(student_t.ppf(0.5 + 0.5 * level, freedom)) * self.standard_error(name)
+        value = self.value(name)
+        return value - reach, value + reach
+
+    def _variances(self, name: str) -> tuple[float, float]:
+        """Of an estimate, from the curvature and from the spread between episodes (0 for one)."""
+        gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
+        at = self._index(name)
+        low, high = bounds_of(self.free)
+        free = (self.theta > low) & (self.theta < high)  # at its bound a parameter follows nothing
+        free[at] = True
+        gradient, fisher = gradient[:, free], fisher[:, free][:, :, free]
+        prior = np.diag(prior_precision(self.free)[free])
+        unit = np.eye(len(prior))[np.count_nonzero(free[:at])]
+        total, count = fisher.sum(0) + prior, len(gradient)
+        inverse = solved(total, unit)
+        curvature = float(inverse @ unit)
+        if count < 2:
+            return curvature, 0.0
+        # An episode's pull on the estimate is weighed without its own information: so many
+        # parameters bend to each of so few episodes that its gradient tells too little of it.
+        pulls = [
+            solved(total - information, unit) @ g
+            for g, information in zip(gradient, fisher, strict=True)
+        ]
+        spread = float(np.var(pulls, ddof=1)) * (count - 1) ** 2 / count
+        return curvature, spread + float(inverse @ prior @ inverse)
+
+    def _index(self, name: str) -> int:
+        try:
+            return self.names.index(name)
+        except ValueError as error:
+            raise KeyError(f"{name!r} is not free under {self.hypothesis}") from error
+
+
+def extended(base: Fit, free: Sequence[Free]) -> FloatArray:
+    """Parameters (p,) for a larger hypothesis: the base's where they are shared, else neutral."""
+    known = dict(zip(base.names, base.theta, strict=True))
+    same = {f.quantity: v for f, v in zip(base.free, base.theta, strict=True) if f.quantity}
+    return np.array([known.get(f.name, same.get(f.quantity, f.neutral)) for f in free])
+
+
+def neutral(free: Sequence[Free]) -> FloatArray:
+    """The prior's centre, (p,)."""
+    return np.array([f.neutral for f in free])
+
+
+def _gradient(score: Score, de: FloatArray, dv: FloatArray) -> FloatArray:
+    e, v, w = score.innovation, score.variance, score.weight
+    return np.asarray(-(w * e / v) @ de + 0.5 * (w * (e * e / v - 1.0) / v) @ dv)
+
+
+def _fisher(score: Score, de: FloatArray, dv: FloatArray) -> FloatArray:
+    v, w = score.variance, score.weight
+    return np.asarray(de.T @ (de * (w / v)[:, None]) + 0.5 * dv.T @ (dv * (w / (v * v))[:, None]))
+
+
+def bounds_of(free: Sequence[Free]) -> tuple[FloatArray, FloatArray]:
+    """The least and the largest values, (p,) each."""
+    return np.array([f.low for f in free]), np.array([f.high for f in free])
+
+
+def prior_precision(free: Sequence[Free]) -> FloatArray:
+    """One over the prior's variance, (p,)."""
+    return np.array([1.0 / f.prior_sd**2 for f in free])
+
+
+def log_prior(free: Sequence[Free], theta: FloatArray) -> float:
+    """How far parameters (p,) are from their priors' centres, as nats; 0 at best."""
+    return -0.5 * float(prior_precision(free) @ (theta - neutral(free)) ** 2)
+
+
+def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Solve a symmetric system whose parameters may differ by many orders of magnitude."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+    scaled = matrix * scale[:, None] * scale[None, :]
+    return np.asarray(scale * np.linalg.lstsq(scaled, scale * vector, rcond=FLAT)[0])
