@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.planning.power import power
 from wakedeploy.gap.systems.sensitivity import checked_base, rows
 
 
@@ -43,6 +45,13 @@ def test_no_effect_moves_outputs_by_more_than_they_could_move(model):
     """All samples off by the whole range are 400 times 0.5 m over the noise, together."""
     told = {row.name: row for row in rows(model, checked_base(model))}
     assert told["sensor-saturation@position_m"].moved < 1e9
+
+
+def test_a_limit_has_no_size_from_which_it_would_be_named(model):
+    base = checked_base(model)
+    assert [e.name for e in power(model, base).effects] == ["sensor-bias@position_m"]
+    with pytest.raises(UnusableInput, match="sensor-saturation@position_m has no size"):
+        power(model, base, ["sensor-saturation@position_m"])
 
 
 def test_a_reading_is_cut_after_all_else_that_is_wrong_with_it(model):

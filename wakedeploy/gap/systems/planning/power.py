@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
@@ -58,10 +59,18 @@ def power(
 ) -> Power:
     """What logs of this length and motion can tell of each effect; all effects unless named.
 
-    Raises UnusableInput for an effect that the system does not have.
+    Of all, without those that have no size, as a sensor's limit, which vanishes far away.
+    Raises UnusableInput for an effect that the system does not have, or that has no size.
     """
-    chosen = tuple(model.library if names is None else names)
+    sized = [n for n, free in model.effects.items() if any(f.neutral == 0.0 for f in free)]
+    chosen = tuple(sized if names is None else names)
     model.acting(chosen)
+    for name in chosen:
+        if name not in sized:
+            raise UnusableInput(
+                f"{name} has no size that could be small or large: its limit is wherever readings "
+                "end. Leave it out."
+            )
     responses = Responses(model, base)
     curves: dict[str, FloatArray] = {}
     for done, name in enumerate(chosen, 1):
