@@ -61,6 +61,13 @@ def test_a_sensor_that_is_cut_is_named(drive):
     assert told["named"] == ["sensor-saturation@speed_radps"]
 
 
+def test_a_delay_is_named_that_the_input_s_clock_hides():
+    """Alone, the clock goes as far as it may, and a delay promises nothing more there."""
+    case = next(c for c in CASES if c.name == "servo, waves, delay, coloured")
+    told = answered(case)
+    assert "dead-time@command_rad" in (*told["named"], *told["class"])
+
+
 def test_an_imagined_log_can_lack_what_a_cut_sensor_has():
     """No reading comes three times in it, and yet the cut is what it has to tell apart."""
     case = next(c for c in CASES if c.plant == "tank" and "clip" in c.hidden)

@@ -79,7 +79,9 @@ def _lookalikes(
     """Those that change the outputs as the leader does, to the end, too: each may be the truth.
 
     What one promises at nothing, and where a race leaves it, says little of its summit where
-    constants have bent to what is missing. One that is late as the leader is begins as late.
+    constants have bent to what is missing. One that is late as the leader is begins as late, or
+    twice as late, as a lag of second order is by its time. At the leader's port it is asked in any
+    case: beside nothing, a delay changes what the clock of its input does, and promises nothing.
     """
     if not ends:
         return {}
@@ -90,12 +92,15 @@ def _lookalikes(
     for seen in order:
         known = seen.name in ends
         is_late = late is not None and any(f.unit == "s" for f, _ in _parameters_of_last(seen.fit))
-        if seen is lead or (known and not is_late) or not seen.promised > 0.0:
+        is_twin = is_late and seen.name.partition("@")[2] == best.partition("@")[2]
+        if seen is lead or not (is_twin or (seen.promised > 0.0 and (is_late or not known))):
             continue
-        likeness = _likeness(ground, lead, seen)
+        likeness = 1.0 if is_twin else _likeness(ground, lead, seen)
         if likeness > (_BOTH_LATE if is_late else _ALIKE):
             points = [] if known else [seen.fit.theta]
-            points += [_at(seen.fit, late)] if is_late and late is not None else []
+            points += (
+                [_at(seen.fit, k * late) for k in (1, 2)] if is_late and late is not None else []
+            )
             alike.append((likeness, seen.name, points))
     alike.sort(key=lambda each: -each[0])
     return {
