@@ -87,8 +87,8 @@ def test_init_never_overwrites(folder):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("version = 3\n", "system"),
-        ('version = 3\nsystem = "Other"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "not 'MyRobot'"),
+        ("version = 4\n", "system"),
+        ('version = 4\nsystem = "Other"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "not 'MyRobot'"),
         ('version = 1\nsystem = "MyRobot"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "version 1; this"),
         ("version = = 1\n", "correction"),
     ],
