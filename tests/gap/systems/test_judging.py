@@ -494,3 +494,38 @@ def test_a_name_is_not_lost_to_what_has_too_many_rivals(settling, named, rivals,
     further = judging._with(SimpleNamespace(sealed=list), outcome, best)
     assert (further is not None) == goes_on
     assert further is None or len(further.rivals) == rivals
+
+
+@pytest.mark.parametrize(
+    ("low", "rivals", "left"), [(0.05, 0, ()), (-0.05, 0, None), (0.05, 2, ("b", "r0", "r1")),
+                                (0.05, 4, None)],
+)  # fmt: skip
+def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
+    settling, monkeypatch, low, rivals, left
+):
+    """It has to help surely, and its first effect may have no more rivals than a class has."""
+    monkeypatch.setattr(judging, "crossed", lambda *given: None)
+    monkeypatch.setattr(judging, "weight_of", lambda *given: Weight(0.1, low, 0.25))
+    monkeypatch.setattr(judging, "share_of_gap", lambda *given: 0.5)
+    monkeypatch.setattr(judging, "undecided", lambda model, verdicts: list(verdicts))
+    monkeypatch.setattr(judging, "_rivals", lambda leader, verdicts: verdicts[1:])
+    helps, gains = Weight(0.5, 0.4, 0.6), np.ones(4)
+
+    def evident(*hypothesis):
+        fitted = SimpleNamespace(hypothesis=hypothesis, free=())
+        return Verdict(Candidate(hypothesis[-1], fitted, gains), HARDLY, helps)
+
+    second = evident("a", "b", "c")
+    monkeypatch.setattr(judging, "_judged_round", lambda *given: [second])
+    beside = [evident("a", "b"), *(evident("a", f"r{k}") for k in range(rivals))]
+    named = Named(
+        None,
+        None,
+        SimpleNamespace(hypothesis=("a",)),
+        [{"threshold_nats": 1.0, "ranking": []}],
+        weights={"a": helps},
+    )
+    model = SimpleNamespace(sealed=list)
+    further = judging._pair(model, named, beside[0], beside, lambda *given: None)
+    assert (further and further.rivals) == left
+    assert further is None or set(further.weights) == {"a", "b", "c"}

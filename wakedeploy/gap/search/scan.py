@@ -81,7 +81,7 @@ def _lookalikes(
     What one promises at nothing, and where a race leaves it, says little of its summit where
     constants have bent to what is missing. One that is late as the leader is begins as late, or
     twice as late, as a lag of second order is by its time. At the leader's port it is asked in any
-    case: beside nothing, a delay changes what the clock of its input does, and promises nothing.
+    case: at first a delay changes just what its input's clock does, and so promises nothing.
     """
     if not ends:
         return {}
