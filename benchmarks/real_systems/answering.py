@@ -21,7 +21,8 @@ from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.search.artefacts import Ranked
 from wakedeploy.gap.search.comparison import Comparison, errors
-from wakedeploy.gap.search.judging import Named, fitted_base, named
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import Named
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.weighing import unseen, weight_of
 from wakedeploy.gap.systems.files import read_system

@@ -12,7 +12,8 @@ from wakedeploy.gap import workflow
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.search.anew import begun_anew
 from wakedeploy.gap.search.comparison import errors
-from wakedeploy.gap.search.judging import Named, fitted_base
+from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.search.outcome import Named
 from wakedeploy.gap.search.scan import ranked
 from wakedeploy.gap.systems import own_folder
 from wakedeploy.gap.systems.logs import LogModel

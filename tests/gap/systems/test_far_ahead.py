@@ -16,7 +16,8 @@ from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.progress import quiet
 from wakedeploy.gap.search import judging
 from wakedeploy.gap.search.artefacts import Answer, Law, Leftover, read
-from wakedeploy.gap.search.judging import Named, fitted_base, named
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import Named
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.correction import read_correction
 from wakedeploy.gap.systems.logs import LogModel

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Fit, Slopes, scores_of
-from wakedeploy.gap.search.judging import REFINES, fitted_base, named
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import REFINES
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.imagined import imagined

@@ -13,16 +13,15 @@ from wakedeploy.gap.evidence.fits import Fit, Free, Score, Slopes
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search import judging, scan, weighing
+from wakedeploy.gap.search import judging, rounds, scan, weighing, withdrawal
 from wakedeploy.gap.search.extent import is_steady
-from wakedeploy.gap.search.judging import (
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import (
     ACCEPTED,
     HARDLY,
     TRIFLE,
     UNSEEN_WORSE,
     Named,
-    fitted_base,
-    named,
     verdict_of,
 )
 from wakedeploy.gap.search.results import answer_of
@@ -235,7 +234,7 @@ def test_the_search_goes_on_once_without_what_sealed_episodes_refuse(
         asked.append(found.hypothesis)
         return len(asked) > refused
 
-    monkeypatch.setattr(judging, "helps", helps)
+    monkeypatch.setattr(withdrawal, "helps", helps)
     monkeypatch.setattr(judging, "asked_far_ahead", lambda model: None)
     monkeypatch.setattr(judging, "begun_anew", lambda *given: {})
     told = named(model, fitted_base(model))
@@ -444,11 +443,11 @@ def test_bumps_are_gaussians():
 @pytest.fixture
 def settling(monkeypatch):
     """Nothing is fitted again, and everything is something."""
-    monkeypatch.setattr(judging, "settled", lambda model, fit: (fit, True))
-    monkeypatch.setattr(judging, "candidate", lambda base, name, fit: name)
-    monkeypatch.setattr(judging, "_is_something", lambda effect, chance: True)
+    monkeypatch.setattr(rounds, "settled", lambda model, fit: (fit, True))
+    monkeypatch.setattr(rounds, "candidate", lambda base, name, fit: name)
+    monkeypatch.setattr(rounds, "_is_something", lambda effect, chance: True)
     for stub in ("parameters", "least_squares", "errors"):
-        monkeypatch.setattr(judging, stub, lambda *given: {})
+        monkeypatch.setattr(rounds, stub, lambda *given: {})
 
 
 @pytest.mark.parametrize(("rival", "left"), [("c", ("b", "c")), ("d", None)])
@@ -462,7 +461,7 @@ def test_a_class_is_narrowed_by_its_own_members_only(settling, rival, left):
         Verdict(Candidate("b", fitted, np.ones(4)), ACCEPTED, Weight(0.5, 0.4, 0.6)),
         Verdict(Candidate(rival, fitted, np.ones(4)), HARDLY),
     ]
-    further = judging._with(SimpleNamespace(sealed=list), outcome, best)
+    further = rounds._with(SimpleNamespace(sealed=list), outcome, best)
     assert (further and further.rivals) == left
 
 
@@ -491,7 +490,7 @@ def test_a_name_is_not_lost_to_what_has_too_many_rivals(settling, named, rivals,
     members = ["b", *(f"r{k}" for k in range(rivals - 1))]
     helps = Weight(0.5, 0.4, 0.6)
     best = [Verdict(Candidate(n, fitted, np.ones(4)), ACCEPTED, helps) for n in members]
-    further = judging._with(SimpleNamespace(sealed=list), outcome, best)
+    further = rounds._with(SimpleNamespace(sealed=list), outcome, best)
     assert (further is not None) == goes_on
     assert further is None or len(further.rivals) == rivals
 
@@ -504,11 +503,11 @@ def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
     settling, monkeypatch, low, rivals, left
 ):
     """It has to help surely, and its first effect may have no more rivals than a class has."""
-    monkeypatch.setattr(judging, "crossed", lambda *given: None)
-    monkeypatch.setattr(judging, "weight_of", lambda *given: Weight(0.1, low, 0.25))
-    monkeypatch.setattr(judging, "share_of_gap", lambda *given: 0.5)
-    monkeypatch.setattr(judging, "undecided", lambda model, verdicts: list(verdicts))
-    monkeypatch.setattr(judging, "_rivals", lambda leader, verdicts: verdicts[1:])
+    monkeypatch.setattr(rounds, "crossed", lambda *given: None)
+    monkeypatch.setattr(rounds, "weight_of", lambda *given: Weight(0.1, low, 0.25))
+    monkeypatch.setattr(rounds, "share_of_gap", lambda *given: 0.5)
+    monkeypatch.setattr(rounds, "undecided", lambda model, verdicts: list(verdicts))
+    monkeypatch.setattr(rounds, "_rivals", lambda leader, verdicts: verdicts[1:])
     helps, gains = Weight(0.5, 0.4, 0.6), np.ones(4)
 
     def evident(*hypothesis):
@@ -516,7 +515,7 @@ def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
         return Verdict(Candidate(hypothesis[-1], fitted, gains), HARDLY, helps)
 
     second = evident("a", "b", "c")
-    monkeypatch.setattr(judging, "_judged_round", lambda *given: [second])
+    monkeypatch.setattr(rounds, "_judged_round", lambda *given: [second])
     beside = [evident("a", "b"), *(evident("a", f"r{k}") for k in range(rivals))]
     named = Named(
         None,
@@ -526,6 +525,6 @@ def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
         weights={"a": helps},
     )
     model = SimpleNamespace(sealed=list)
-    further = judging._pair(model, named, beside[0], beside, lambda *given: None)
+    further = rounds._pair(model, named, beside[0], beside, lambda *given: None)
     assert (further and further.rivals) == left
     assert further is None or set(further.weights) == {"a", "b", "c"}

@@ -10,7 +10,8 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import extended
 from wakedeploy.gap.evidence.inference import applied, fit
-from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.systems.kinds.inputs import DeadTime, Lag, SecondOrderLag
 from wakedeploy.gap.systems.logs import LogModel
 

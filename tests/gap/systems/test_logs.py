@@ -9,7 +9,9 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import extended, neutral
 from wakedeploy.gap.evidence.inference import fit
-from wakedeploy.gap.search.judging import fitted_base, is_nothing, named, verdict_of
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import verdict_of
+from wakedeploy.gap.search.rivalry import is_nothing
 from wakedeploy.gap.systems import logs
 from wakedeploy.gap.systems.logs import LogModel
 

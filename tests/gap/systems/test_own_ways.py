@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from wakedeploy.cli import main
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap import workflow
-from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.systems.correction import correction_of
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel

@@ -7,7 +7,8 @@ import pytest
 from scipy.io import loadmat
 
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.search.results import before_after
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel

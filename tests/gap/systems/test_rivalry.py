@@ -14,20 +14,13 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Free, Score
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
-from wakedeploy.gap.search import judging
+from wakedeploy.gap.search import rounds
 from wakedeploy.gap.search.extent import profiled
-from wakedeploy.gap.search.judging import (
-    ACCEPTED,
-    HARDLY,
-    Named,
-    _best,
-    _is_something,
-    fitted_base,
-    named,
-    verdict_of,
-)
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import ACCEPTED, HARDLY, Named, verdict_of
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, undecided
+from wakedeploy.gap.search.rounds import _best, _is_something
 from wakedeploy.gap.search.weighing import Weight, is_outdone
 from wakedeploy.gap.systems.kinds.library import offered
 from wakedeploy.gap.systems.logs import LogModel
@@ -78,8 +71,8 @@ def test_of_those_that_nothing_tells_apart_the_simplest_comes_first():
 )
 def test_beside_a_name_another_one_has_to_help_surely(share, low, alone, beside):
     weight = Weight(share, low, 2 * share - low)
-    assert judging._is_worth_naming(weight, ()) == alone
-    assert judging._is_worth_naming(weight, ("a",)) == beside
+    assert rounds._is_worth_naming(weight, ()) == alone
+    assert rounds._is_worth_naming(weight, ("a",)) == beside
 
 
 @pytest.mark.parametrize(
@@ -99,9 +92,9 @@ def test_a_simpler_kind_that_is_turned_down_takes_no_candidate_with_it(
         ),
     }
     for part, fake in fakes.items():
-        monkeypatch.setattr(judging, part, fake)
+        monkeypatch.setattr(rounds, part, fake)
     outcome = Named(None, None, None, [], alone=(finer.candidate,))
-    assert judging._round(SimpleNamespace(), outcome, lambda *_: None) == named
+    assert rounds.with_one_more(SimpleNamespace(), outcome, lambda *_: None) == named
 
 
 def test_what_every_block_finds_worse_is_no_rival():

@@ -37,7 +37,7 @@ from wakedeploy.gap.search.comparison import (
     searched_on,
     theta_from,
 )
-from wakedeploy.gap.search.judging import Named, verdict_of
+from wakedeploy.gap.search.outcome import Named, verdict_of
 from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
 from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters

@@ -14,7 +14,7 @@ from wakedeploy.gap.search.artefacts import (
     Result,
     Size,
 )
-from wakedeploy.gap.search.judging import ACCEPTED, CHANCE, UNSEEN_WORSE
+from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
 from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.wording import (
     DETAILS,

@@ -1,0 +1,91 @@
+"""What a search has named so far, and the verdict that follows from it.
+
+In: a base fit, what was found on top of it and the rounds that led there. Out: the answer in a
+word.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from wakedeploy.gap.evidence.fits import Fit
+from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.scan import elaborates
+from wakedeploy.gap.search.weighing import Weight
+
+CHANCE = "no more than chance"
+NO_SIZE = "its size's interval holds no effect"
+ONE_BLOCK = "its gain rests on one block"
+WORSE = "forecasts get worse"
+UNSEEN_WORSE = "forecasts of sealed episodes get no better"
+HARDLY = "evident, but forecasts hardly change"
+REFINES = "it only refines what was found"
+TRIFLE = "a trifle of the gap that there was"
+ACCEPTED = "accepted"
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """What was named: fits without and with it, rounds as JSON has them, and rivals of a class.
+
+    The fits are of `model`: the one that was asked, or that one asked far ahead.
+    `weights` say how much each effect improves forecasts of the blocks that it was found on,
+    cross-fitted; `leftover` is what still acts and is not explained. Of a system whose forecasts
+    are no better than those that ask no model (`is_outdone`) nothing is named, unless it surely
+    removes most of the error: where little moves, the last reading is hard to outdo.
+    """
+
+    model: Comparison
+    base: Fit
+    found: Fit
+    rounds: list[dict[str, Any]]
+    rivals: tuple[str, ...] = ()
+    weights: Mapping[str, Weight] = field(default_factory=dict)
+    unsettled: tuple[str, ...] = ()
+    leftover: tuple[dict[str, Any], ...] = ()
+    alone: tuple[Candidate, ...] = ()  # every effect without any other
+    is_outdone: bool = False
+    is_far_ahead: bool = False
+    withdrawn: tuple[str, ...] = ()  # named once, and not borne out by sealed episodes
+
+
+def verdict_of(outcome: Named) -> str:
+    """The answer in a word: named, class, none or unknown."""
+    if outcome.rivals:
+        return "class" if len(outcome.rivals) <= RULES.most_in_class else "unknown"
+    if outcome.found.hypothesis:
+        return "named"
+    doubtful = any(f["share"] > RULES.unexplained_share for f in evident_yet_unnamed(outcome))
+    acts = any(push["matters"] for push in outcome.leftover)
+    return "unknown" if doubtful or acts or outcome.is_outdone else "none"
+
+
+def evident_yet_unnamed(outcome: Named) -> list[dict[str, float]]:
+    """What forecasts would gain by each effect that is evident where nothing was named."""
+    if outcome.found.hypothesis:
+        return []
+    return [e["forecast"] for r in outcome.rounds for e in r["ranking"] if "forecast" in e]
+
+
+def left_of(outcome: Named, found: Fit) -> Named:
+    """What was named, as far as a fit still has it."""
+    kept = {n: w for n, w in outcome.weights.items() if n in found.hypothesis}
+    return replace(outcome, found=found, rivals=_still_open(found, outcome.rivals), weights=kept)
+
+
+def _still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
+    """A class without its members' elaborations; () where more than one of it was found."""
+    if sum(n in found.hypothesis for n in rivals) != 1:
+        return ()
+    named_member = next(n for n in rivals if n in found.hypothesis)
+    distinct = tuple(n for n in rivals if n == named_member or not elaborates(n, named_member))
+    return distinct if len(distinct) > 1 else ()
+
+
+def mark(searched: dict[str, Any], name: str, why: str) -> None:
+    """Write into a round why an effect of its ranking is not named."""
+    for entry in searched["ranking"]:
+        if entry["name"] == name:
+            entry["judged"] = why

@@ -1,0 +1,283 @@
+"""One round of a search: every effect judged on top of what was found, and the one to name.
+
+In: an outcome. Out: the outcome with one more effect, or a pair of them; None where there is none.
+
+An effect is evident if it gains more than chance on blocks that it was not fitted to, in more than
+one of them. It matters if forecasts of the blocks get better by it, each with parameters that other
+blocks prefer. One that does not matter does not end the search: the next one is tried, and a pair
+with it.
+"""
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
+from wakedeploy.gap.evidence.inference import settled
+from wakedeploy.gap.evidence.ranking import Candidate, candidate
+from wakedeploy.gap.progress import Progress
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.comparison import Comparison, errors
+from wakedeploy.gap.search.extent import is_steady
+from wakedeploy.gap.search.outcome import (
+    ACCEPTED,
+    CHANCE,
+    HARDLY,
+    NO_SIZE,
+    ONE_BLOCK,
+    REFINES,
+    TRIFLE,
+    WORSE,
+    Named,
+    mark,
+)
+from wakedeploy.gap.search.rivalry import (
+    Verdict,
+    is_absent,
+    is_nothing,
+    rivals_with,
+    sizes_of,
+    undecided,
+)
+from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, simpler
+from wakedeploy.gap.search.sizes import least_squares, parameters
+from wakedeploy.gap.search.weighing import Weight, crossed, share_of_gap, weight_of
+
+_TRIED = 6  # candidates of a round whose forecasts are looked at
+
+
+def with_one_more(
+    model: Comparison, outcome: Named, progress: Progress, anew: Mapping[str, Fit] = NOTHING
+) -> Named | None:
+    """What was named with one more effect, or a pair; None where there is none."""
+    found = outcome.found
+    verdicts = _judged_round(model, outcome, found, progress, anew)
+    if not outcome.alone:
+        outcome = replace(outcome, alone=tuple(v.candidate for v in verdicts))
+    leader = next((v for v in verdicts if v.why == ACCEPTED), None)
+    if leader is not None:  # what is simpler comes first, and the leader where that is turned down
+        plainer = _plainer(model, found, leader)
+        further = _with(model, outcome, _best(model, plainer, verdicts))
+        if further is None and plainer is not leader:
+            further = _with(model, outcome, _best(model, leader, verdicts))
+        return further
+    evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
+    if not evident or len(found.hypothesis) + 2 > RULES.most_effects:
+        return None
+    return _pair(model, outcome, evident[0], verdicts, progress)
+
+
+def _judged_round(
+    model: Comparison,
+    outcome: Named,
+    found: Fit,
+    progress: Progress,
+    anew: Mapping[str, Fit] = NOTHING,
+) -> list[Verdict]:
+    """Every candidate on top of a fit, best first, judged; written into the rounds."""
+    excluded = {*found.hypothesis, *outcome.withdrawn}
+    untried = [n for n in model.effects if n not in excluded]
+    beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
+    stage = f"ranking effects{beside}"
+    progress(stage)
+    counted = functools.partial(progress, stage)
+    ranking, chance = ranked(model, found, untried, counted, anew)
+    before = crossed(model, found)
+    begun = crossed(model, outcome.base) if found.hypothesis else before
+    verdicts = [_judged(model, begun, before, effect, chance) for effect in ranking[:_TRIED]]
+    verdicts += [Verdict(effect, "") for effect in ranking[_TRIED:]]
+    entries = [_entry(c, found) for c in ranking]
+    for entry, verdict in zip(entries, verdicts, strict=True):
+        if verdict.why:
+            entry["judged"] = verdict.why
+        if verdict.weight is not None:
+            entry["forecast"] = asdict(verdict.weight)
+    outcome.rounds.append(
+        {"given": list(found.hypothesis), "threshold_nats": chance, "ranking": entries}
+    )
+    return verdicts
+
+
+def _judged(
+    model: Comparison, begun: FloatArray, before: FloatArray, effect: Candidate, chance: float
+) -> Verdict:
+    """Why a candidate is not named, or "accepted".
+
+    `begun` and `before` are squared errors of the base and of what was found. A further effect has
+    to matter to the base's: no form is exact, and beside what closed nearly all of a gap every
+    trifle is a large share of the rest. A finer law of a friction that was found has to matter more
+    than that; where it does not, whether forecasts get better by it is chance and says nothing.
+    """
+    known = effect.fit.hypothesis[:-1]
+    if effect.gain_nats <= chance:
+        return Verdict(effect, CHANCE)
+    if is_absent(effect.fit, effect.name):
+        return Verdict(effect, NO_SIZE)  # it gains what the fit before it had left to rise
+    squares = crossed(model, effect.fit)
+    weight = weight_of(before, squares)
+    gained = share_of_gap(begun, before, squares)
+    if not is_shared(effect, chance):
+        why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
+    elif gained < RULES.least_share and any(refines(effect.name, n) for n in known):
+        why = REFINES
+    elif _is_worth_naming(weight, known):
+        why = TRIFLE if gained < RULES.least_of_gap else ACCEPTED
+    else:
+        why = WORSE if weight.high < 0.0 else HARDLY
+    return Verdict(effect, why, weight, squares)
+
+
+def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
+    """Whether forecasts get better by an effect; beside others, surely.
+
+    Each further name is one more chance of a wrong one, and without it there is an answer already.
+    """
+    return weight.matters and (weight.low > 0.0 or not known)
+
+
+def is_shared(effect: Candidate, chance: float) -> bool:
+    """Whether a gain is more than one block's, and not taken back by others."""
+    gains = effect.gains
+    if len(gains) < 2:
+        return False
+    least = chance * (len(gains) - 1) / len(gains)
+    lost, won = -gains[gains < 0.0].sum(), gains[gains > 0.0].sum()
+    return bool(effect.gain_nats - gains.max() > least and lost < 0.5 * won)
+
+
+def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """A leader and all that rival it: those that are accepted first, of these the simplest."""
+    alike = undecided(model, [leader, *_rivals(leader, verdicts)])
+    if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
+        return [leader]
+    return sorted(
+        alike, key=lambda v: (v.why != ACCEPTED, len(sizes_of(v.candidate.fit, v.candidate.name)))
+    )
+
+
+def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
+    """What is simpler than a candidate and gains as much, where forecasts get better by it."""
+    plainer = simpler(model, found, leader.candidate)
+    if plainer is leader.candidate:
+        return leader
+    squares = crossed(model, plainer.fit)
+    weight = weight_of(crossed(model, found), squares)
+    worth = _is_worth_naming(weight, found.hypothesis)
+    return Verdict(plainer, ACCEPTED, weight, squares) if worth else leader
+
+
+def _rivals(leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """Those of the fitted that blocks do not tell from a leader; none that only elaborates it."""
+    leading = leader.candidate.name
+    return [
+        v
+        for v in verdicts[:_TRIED]
+        if v.candidate.name != leading
+        and not elaborates(v.candidate.name, leading)
+        and rivals_with(leader.candidate, v.candidate)
+    ]
+
+
+def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named | None:
+    """One more effect: the first that is accepted and still something once all else has followed.
+
+    Its class are those after it. Beside an open class only an effect without rivals is named, or
+    one whose rivals are of that class: the class is then what is left of it. Beside a name, one
+    with more rivals than a class may have would make an answer unknown that has a name.
+    """
+    searched = outcome.rounds[-1]
+    for k, verdict in enumerate(best):
+        effect, weight = verdict.candidate, verdict.weight
+        if verdict.why != ACCEPTED or weight is None:
+            break
+        members = tuple(v.candidate.name for v in best[k:])
+        if outcome.rivals and len(members) > 1 and not set(members) <= set(outcome.rivals):
+            return None
+        if outcome.weights and len(members) > RULES.most_in_class:
+            return None
+        better, still = settled(model, effect.fit)
+        follows = candidate(outcome.found, effect.name, better)
+        if not _is_something(follows, searched["threshold_nats"]):
+            mark(searched, effect.name, NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK)
+            continue
+        searched["chosen"] = effect.name
+        searched["class"] = list(members)
+        searched["accepted"] = parameters(better, (effect.name,), least_squares(model, better))
+        searched["sealed_error"] = errors(model, better, model.sealed())
+        rivals = members if len(members) > 1 else outcome.rivals
+        unsettled = outcome.unsettled if still else (*outcome.unsettled, effect.name)
+        weights = {**outcome.weights, effect.name: weight}
+        return replace(outcome, found=better, rivals=rivals, weights=weights, unsettled=unsettled)
+    return None
+
+
+def _is_something(effect: Candidate, chance: float) -> bool:
+    """Whether a gain is more than one block's, and the effect's size or its blocks exclude none."""
+    return is_shared(effect, chance) and (
+        not is_nothing(effect.fit, effect.name)
+        or effect.gain_interval()[0] > 0.0
+        or is_steady(np.asarray(effect.gains))
+    )
+
+
+def _pair(
+    model: Comparison,
+    outcome: Named,
+    first: Verdict,
+    beside_it: Sequence[Verdict],
+    progress: Progress,
+) -> Named | None:
+    """An evident effect that changes no forecast alone, and one that does beside it."""
+    beside, still = settled(model, first.candidate.fit)
+    verdicts = _judged_round(model, outcome, beside, progress)
+    for verdict in verdicts:
+        if verdict.why not in (ACCEPTED, HARDLY):
+            continue
+        before, after = (crossed(model, f) for f in (outcome.found, verdict.candidate.fit))
+        both = weight_of(before, after)
+        gained = share_of_gap(crossed(model, outcome.base), before, after)
+        if not _is_worth_naming(both, list(outcome.weights)) or gained < RULES.least_of_gap:
+            continue
+        alike = undecided(model, [first, *_rivals(first, beside_it)])
+        members = (first.candidate.name, *(v.candidate.name for v in alike if v is not first))
+        most = RULES.most_in_class if outcome.weights else len(members)
+        if (outcome.rivals and len(members) > 1) or len(members) > most:
+            return None
+        company = replace(
+            outcome, found=beside, rivals=members if len(members) > 1 else outcome.rivals
+        )
+        second = replace(verdict, why=ACCEPTED, weight=both)
+        alike = undecided(model, [second, *_rivals(second, verdicts)])
+        further = _with(model, company, [second, *(v for v in alike if v is not second)])
+        if further is None:
+            continue
+        weights = {**further.weights, first.candidate.name: both}
+        unsettled = further.unsettled if still else (*further.unsettled, first.candidate.name)
+        return replace(further, weights=weights, unsettled=unsettled)
+    return None
+
+
+def _entry(effect: Candidate, base: Fit) -> dict[str, Any]:
+    low, high = effect.gain_interval()
+    return {
+        "name": effect.name,
+        "gain_nats": effect.gain_nats,
+        "interval": [low, high],
+        "parameters": parameters(effect.fit, (effect.name,)),
+        "note": _note(effect, base),
+    }
+
+
+def _note(effect: Candidate, base: Fit) -> str:
+    """What a fit shows of itself: that nothing moves, or that it ends at a bound."""
+    places = [i for i, f in enumerate(effect.fit.free) if f.name.startswith(f"{effect.name}.")]
+    moved = max(float(np.abs(s[:, places]).max()) for s in effect.fit.slopes.innovation)
+    if moved == 0.0:
+        return "moves no output"
+    ends = [
+        effect.fit.theta[i] in (effect.fit.free[i].low, effect.fit.free[i].high) for i in places
+    ]
+    return "at a bound" if any(ends) and effect.fit.objective > base.objective else ""

@@ -1,0 +1,77 @@
+"""What is taken out of an answer again, once the search has ended.
+
+In: an outcome. Out: the same without effects that later ones have made superfluous, whose size may
+be nothing, or that sealed blocks do not bear out.
+"""
+
+import numpy as np
+
+from wakedeploy.gap.evidence.fits import Fit, prior_precision
+from wakedeploy.gap.evidence.inference import fit, held_out, settled
+from wakedeploy.gap.evidence.ranking import candidate
+from wakedeploy.gap.search.comparison import Comparison, theta_from
+from wakedeploy.gap.search.extent import profiled
+from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, left_of, mark
+from wakedeploy.gap.search.rivalry import is_nothing
+from wakedeploy.gap.search.rounds import is_shared
+from wakedeploy.gap.search.weighing import helps
+
+_PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
+
+
+def still_needed(model: Comparison, outcome: Named) -> Named:
+    """Without the effects that those found after them have made superfluous."""
+    found = outcome.found
+    chance = max((r["threshold_nats"] for r in outcome.rounds), default=0.0)
+    for name in found.hypothesis[:-1]:
+        if _evident_by_size(found, name) > _PLAINLY * chance:
+            continue
+        without = _without(model, found, name)
+        again = candidate(without, name, found)
+        if held_out(without, found).sum() <= chance or not is_shared(again, chance):
+            found = without
+    return left_of(outcome, found)
+
+
+def with_sizes(model: Comparison, outcome: Named) -> Named:
+    """Without effects whose size may still be nothing, however closely it is looked at."""
+    found = outcome.found
+    for name in outcome.found.hypothesis:
+        if is_nothing(found, name):
+            found = profiled(model, found, name)
+            if is_nothing(found, name):
+                for searched in outcome.rounds:
+                    mark(searched, name, NO_SIZE)
+                found = _without(model, found, name)
+    return left_of(outcome, found)
+
+
+def borne_out(model: Comparison, outcome: Named) -> Named:
+    """Without effects that make forecasts of sealed episodes no better, the last named first."""
+    found = outcome.found
+    for name in reversed(outcome.found.hypothesis):
+        without = _without(model, found, name) if len(found.hypothesis) > 1 else outcome.base
+        if helps(model, without, found, model.sealed()):
+            continue
+        for searched in outcome.rounds:
+            mark(searched, name, UNSEEN_WORSE)
+        found = without
+    return left_of(outcome, found)
+
+
+def _without(model: Comparison, found: Fit, name: str) -> Fit:
+    """A fit of the others."""
+    rest = tuple(n for n in found.hypothesis if n != name)
+    start = theta_from(model, rest, found)
+    return settled(model, fit(model, rest, found.episodes, start))[0]
+
+
+def _evident_by_size(found: Fit, name: str) -> float:
+    """Nats by which an effect's parameters are away from nothing, all else following (Wald)."""
+    places = [i for i, f in enumerate(found.free) if f.name.startswith(f"{name}.")]
+    rest = [i for i in range(len(found.free)) if i not in places]
+    total = found.slopes.fisher().sum(0) + np.diag(prior_precision(found.free))
+    follow = np.linalg.lstsq(total[np.ix_(rest, rest)], total[np.ix_(rest, places)], rcond=1e-12)[0]
+    marginal = total[np.ix_(places, places)] - total[np.ix_(places, rest)] @ follow
+    away = np.array([found.theta[i] - found.free[i].neutral for i in places])
+    return 0.5 * float(away @ marginal @ away)
