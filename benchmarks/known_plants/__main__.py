@@ -20,8 +20,8 @@ from benchmarks.records import COMMIT, write
 from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of, before_after
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.system import checked
 
 Row = dict[str, Any]
 

@@ -19,8 +19,8 @@ from benchmarks.records import write
 from wakedeploy import Input
 from wakedeploy.gap.search.comparison import errors
 from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.system import checked
 
 _RECORDINGS = ("Silverbox, means removed", "Bouc–Wen oscillator (simulated)")
 _WAYS = (("step", 1), ("linear", 1), ("bandlimited", 1), ("bandlimited", 2), ("bandlimited", 4))

@@ -29,8 +29,9 @@ from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.search.comparison import errors
 from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.system import System, checked
+from wakedeploy.gap.systems.system import System
 
 DEGREE, THRESHOLD = 3, 0.05  # of the polynomial library; share of the largest rate
 LAYERS = (32, 32)

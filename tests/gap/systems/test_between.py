@@ -12,9 +12,9 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.search.comparison import errors
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.between import between
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.sensitivity import checked_base, step_notes
-from wakedeploy.gap.systems.system import checked
 
 RATE = 100.0
 TONES = np.array([[1.0, 3.1, 0.3], [0.8, 9.7, 1.1], [0.7, 14.2, 2.0], [0.5, 23.0, 0.7]])

@@ -13,6 +13,7 @@ from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.search.scan import ranked
 from wakedeploy.gap.systems.augmented import BUMPS, FORM_MOST, Acting
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.correction import (
     correction_of,
     read_correction,
@@ -20,7 +21,6 @@ from wakedeploy.gap.systems.correction import (
 )
 from wakedeploy.gap.systems.kinds.forces import At, LowerStop
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.system import checked
 
 RATE = 50.0
 MASS_KG = 2.0

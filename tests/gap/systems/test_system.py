@@ -7,8 +7,8 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
-from wakedeploy.gap.systems.system import checked
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
 

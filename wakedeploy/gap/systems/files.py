@@ -10,7 +10,8 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.systems.system import System, checked
+from wakedeploy.gap.systems.checks import checked
+from wakedeploy.gap.systems.system import System
 
 _LATEST_S = 1e11  # seconds: clocks since 1970 show a sixtieth of it
 _LARGEST = 1e15  # in any unit, nothing that was measured is so large

@@ -19,8 +19,8 @@ from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.search.looking import Ground, look
 from wakedeploy.gap.systems.blocks import SHORTEST, Log
+from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.system import MOST_STEPS
 from wakedeploy.gap.wording import counted, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart

@@ -1,16 +1,15 @@
 """A system as its user writes it: inputs, states, outputs, constants, ports and one function.
 
-In: a class of about twenty lines, derived from `System`. Out: the same, checked by name and tried
-once. Its functions are written for one point; they are called with arrays whose leading axes are
-batches, so they use numpy alone. `files` reads such a class from a file.
+In: a class of about twenty lines, derived from `System`. Out: what the likelihood asks of it. Its
+functions are written for one point; they are called with arrays whose leading axes are batches, so
+they use numpy alone. `files` reads such a class from a file, `checks` tries it.
 """
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,20 +17,15 @@ import numpy.typing as npt
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.units import unit_at_end, unit_of
+from wakedeploy.gap.systems.calls import called, complete
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.correction import Correction
 
-_System = TypeVar("_System", bound="System")
-
 FloatArray = npt.NDArray[np.float64]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
 
-HOLDS = ("step", "linear", "bandlimited")
-MOST_STEPS = 64
-_TOOK_ARRAYS = re.compile(r"truth value of an array|scalar arrays|0-dimensional arrays")
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
-_WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
 
 
 @dataclass(frozen=True)
@@ -238,6 +232,7 @@ class System:
 
         Raises UnusableInput for a file that cannot be read or corrects another system.
         """
+        from wakedeploy.gap.systems.checks import checked
         from wakedeploy.gap.systems.correction import read_correction
 
         system = checked(cls())
@@ -365,290 +360,14 @@ class System:
         if forces is not None:
             method = "derivative_under"
         extra = () if forces is None else (forces,)
-        returned = _called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
-        return _complete(returned, self.states, f"{self.name}.{method}", "state")
+        returned = called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
+        return complete(returned, self.states, f"{self.name}.{method}", "state")
 
     def readings(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
         """What the sensors would show: `measure`, and states for outputs that it leaves out."""
         measured: dict[str, Any] = {}
         if hasattr(self, "measure"):
-            measured = dict(_called(f"{self.name}.measure", self.measure, state, inputs, c))
+            measured = dict(called(f"{self.name}.measure", self.measure, state, inputs, c))
         shown = {o.name: getattr(state, o.name) for o in self.outputs if o.name in self.states}
         names = {o.name: o.unit for o in self.outputs}
-        return _complete(shown | measured, names, f"{self.name}.measure", "output")
-
-
-def checked(system: _System) -> _System:
-    """The same system, if what it states fits together and its functions can be evaluated.
-
-    Raises UnusableInput by name and in one sentence for what is missing, unknown, of the wrong
-    shape or not finite.
-    """
-    _check_statements(system)
-    _check_ports(system)
-    _check_functions(system)
-    return system
-
-
-def _check_statements(system: System) -> None:
-    for attribute in ("rate_hz", "inputs", "states", "outputs"):
-        if not hasattr(system, attribute):
-            raise UnusableInput(f"{system.name}: no `{attribute}`; state it in the class.")
-    if not (isinstance(system.rate_hz, (int, float)) and 0.0 < system.rate_hz < math.inf):
-        raise UnusableInput(f"{system.name}.rate_hz is {system.rate_hz!r}; give samples a second.")
-    if type(system.steps) is not int or not 1 <= system.steps <= MOST_STEPS:
-        raise UnusableInput(
-            f"{system.name}.steps is {system.steps!r}; give a whole number from 1 to {MOST_STEPS}."
-        )
-    if system.has_step and system.steps > 1:
-        raise UnusableInput(
-            f"{system.name} has a `step` of its own, a sample long; leave out `steps`, or write a "
-            "`derivative`."
-        )
-    for attribute, kind in (("inputs", Input), ("outputs", Output), ("constants", Constant)):
-        for each in getattr(system, attribute):
-            if not isinstance(each, kind):
-                raise UnusableInput(
-                    f"{system.name}.{attribute} has {each!r}; write {kind.__name__}(name, …)."
-                )
-    if not system.states or not system.outputs:
-        raise UnusableInput(f"{system.name}: at least one state and one output are needed.")
-    if system.has_step == hasattr(system, "derivative"):
-        which = "both" if system.has_step else "neither"
-        raise UnusableInput(
-            f"{system.name} has {which} of `derivative` and `step`; write one of them."
-        )
-    _check_names(system)
-
-
-def _check_names(system: System) -> None:
-    groups = (system.inputs, system.outputs, system.constants)
-    for group in groups:
-        names = [each.name for each in group]
-        for name in names:
-            if not name.isidentifier():
-                raise UnusableInput(f"{system.name}: {name!r} is no name; use letters and _.")
-            if names.count(name) > 1:
-                raise UnusableInput(f"{system.name}: {name!r} is stated twice; drop one.")
-    for name in {i.name for i in system.inputs} & {*system.states, *_names(system.outputs)}:
-        raise UnusableInput(f"{system.name}: {name!r} is an input and a state; rename one.")
-    for i in system.inputs:
-        if i.low is not None and i.high is not None and not i.low < i.high:
-            raise UnusableInput(
-                f"{system.name}: input {i.name!r} has the limits {i.low} and {i.high}; give the "
-                "lower one first."
-            )
-        if i.hold not in HOLDS:
-            raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {HOLDS}.")
-    for o in system.outputs:
-        if o.noise is not None and not 0.0 <= o.noise < math.inf:
-            raise UnusableInput(
-                f"{system.name}: output {o.name!r} has the noise {o.noise}; give one from 0."
-            )
-    for c in system.constants:
-        low, high = c.bounds
-        if not (math.isfinite(c.value) and c.spread >= 0.0 and low <= c.value <= high):
-            raise UnusableInput(
-                f"{system.name}: constant {c.name!r} is {c.value} with spread {c.spread} in "
-                f"[{low}, {high}]; give a finite value within its bounds, and a spread from 0."
-            )
-        if c.keeps_sign and _WIDEST * abs(c.value) < c.spread < math.inf:
-            raise UnusableInput(
-                f"{system.name}: constant {c.name!r} is {c.value:g} with a spread of {c.spread:g}, "
-                f"{c.spread / abs(c.value):.0f} times its value. A spread is in the constant's "
-                f"unit: 10 % of it are {0.1 * abs(c.value):.2g}. Nobody has measured it: "
-                'float("inf").'
-            )
-    for name in (*system.process_noise, *system.start_spread):
-        if name not in system.states:
-            raise UnusableInput(
-                f"{system.name}: process_noise or start_spread names {name!r}, which is no state."
-            )
-
-
-def _check_ports(system: System) -> None:
-    known = {
-        "input": _names(system.inputs),
-        "force": tuple(system.states),
-        "output": _names(system.outputs),
-        "constant": _names(system.constants),
-    }
-    rubbing = [p.name for p in system.ports if isinstance(p, Port) and p.friction]
-    if twice := next((name for name in rubbing if rubbing.count(name) > 1), ""):
-        raise UnusableInput(
-            f"{system.name}: two ports state a friction of {twice!r}; add up what acts there in one"
-            " constant."
-        )
-    for port in system.ports:
-        if not isinstance(port, Port):
-            raise UnusableInput(f"{system.name}.ports has {port!r}; write Port.input(name), ….")
-        wanted = [(port.role, port.name)] if port.role in known else []
-        wanted += [("constant", n) for n in (port.inertia, port.friction) if n]
-        wanted += [("force", n) for n in (port.position, port.height) if n]
-        for role, name in wanted:
-            if name not in known[role]:
-                thing = "state" if role == "force" else role
-                raise UnusableInput(
-                    f"{system.name}: a port names the {thing} {name!r}, which is not there; "
-                    f"there are: {', '.join(known[role]) or 'none'}."
-                )
-        _check_sizes(system, port)
-
-
-def _check_sizes(system: System, port: Port) -> None:
-    """Of the parameters and shapes of an effect of the user's own."""
-    if both := sorted({*port.parameters} & {*port.shapes}):
-        raise UnusableInput(
-            f"{system.name}: the effect {port.name!r} has {both[0]!r} as a parameter and as a "
-            "shape; state it once: a shape if the effect does not vanish with it."
-        )
-    if port.role == "custom" and not port.parameters:
-        raise UnusableInput(
-            f"{system.name}: the effect {port.name!r} has no parameter at which it vanishes; state "
-            "its size as one."
-        )
-    for name, (_, size) in (*port.parameters.items(), *port.shapes.items()):
-        if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
-            raise UnusableInput(
-                f"{system.name}: {name!r} of the effect {port.name!r} has the usual size {size!r}; "
-                "give a positive number."
-            )
-
-
-def _check_functions(system: System) -> None:
-    """One point, then a batch of the same points: both have to give the same numbers."""
-    rng = np.random.default_rng(0)
-    shape = (3, 5)
-    names = (*system.states, *(i.name for i in system.inputs))
-    tried = {n: rng.standard_normal(shape) * 0.5 for n in names}
-    tried = {n: np.where(np.arange(15).reshape(shape) == 0, 0.0, v) for n, v in tried.items()}
-    for method in (system.rates, system.readings):
-        many = _evaluated(system, method, tried, shape)
-        for index in ((0, 0), (1, 2), (2, 4)):
-            single = {n: np.asarray(v[index]) for n, v in tried.items()}
-            alone = _evaluated(system, method, single, ())
-            for name, value in alone.items():
-                if not np.allclose(value, many[name][index], rtol=1e-9, atol=1e-12):
-                    raise UnusableInput(
-                        f"{_method(system, method)} gives another {name!r} for one point than for "
-                        "the same point in an array; use numpy (np.where, not if) throughout."
-                    )
-    state = Point("state", {n: tried[n] for n in system.states})
-    inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
-    for port in system.ports:
-        if port.function is not None:
-            _check_custom(system, port, state, inputs, shape)
-
-
-def _check_custom(
-    system: System, port: Port, state: Point, inputs: Point, shape: tuple[int, ...]
-) -> None:
-    """An effect of the user's own acts on states, and at 0 on none."""
-    what = f"{system.name}: the effect {port.name!r}"
-    for size in (0.0, 1.0):
-        with np.errstate(all="ignore"):
-            added = _called(what, port.increments, 0.0, state, inputs, size)
-        for name, value in added.items():
-            if name not in system.states:
-                known = ", ".join(system.states)
-                raise UnusableInput(f"{what} adds to {name!r}, no state; there are: {known}.")
-            if _shape(value) not in ((), shape):
-                given = _shape_in_words(_shape(value))
-                raise UnusableInput(f"{what} adds {given} for states of shape {shape}.")
-            if not np.all(np.isfinite(value)):
-                raise UnusableInput(f"{what} adds something that is no number; bound what goes in.")
-            if size == 0.0 and np.any(value):
-                raise UnusableInput(
-                    f"{what} adds to {name!r} where its parameters are 0; it has to vanish there. "
-                    "What it does not vanish with is a shape."
-                )
-
-
-def _evaluated(
-    system: System,
-    method: Callable[[Point, Point, Point], dict[str, Any]],
-    tried: Mapping[str, FloatArray],
-    shape: tuple[int, ...],
-) -> dict[str, FloatArray]:
-    state = Point("state", {n: tried[n] for n in system.states})
-    inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
-    with np.errstate(all="ignore"):
-        returned = method(state, inputs, system.values())
-    result = {}
-    for name, value in returned.items():
-        given = _shape(value)
-        if given not in ((), shape):
-            raise UnusableInput(
-                f"{_method(system, method)} gives {name!r} {_shape_in_words(given)} for states of "
-                f"shape {shape}; return one number a point."
-            )
-        result[name] = np.broadcast_to(np.asarray(value, dtype=float), shape)
-        if not np.all(np.isfinite(result[name])):
-            at = tuple(np.argwhere(~np.isfinite(result[name]))[0])
-            where = ", ".join(f"{n} = {tried[n][at]:.3g}" for n in tried)
-            raise UnusableInput(
-                f"{_method(system, method)} gives {result[name][at]} for {name!r} at {where}; a "
-                "filter tries such points, so bound what goes into it (np.maximum, np.clip)."
-            )
-    return result
-
-
-def _shape(value: Any) -> tuple[int, ...] | None:
-    """An array's shape; None where its parts have several."""
-    try:
-        return tuple(np.shape(value))
-    except ValueError:
-        return None
-
-
-def _shape_in_words(shape: tuple[int, ...] | None) -> str:
-    return "parts of several shapes" if shape is None else f"the shape {shape}"
-
-
-def _method(system: System, method: Callable[..., Any]) -> str:
-    dynamics = "step" if system.has_step else "derivative"
-    return f"{system.name}.{'measure' if method == system.readings else dynamics}"
-
-
-def _called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str, Any]:
-    try:
-        returned = method(*points)
-    except UnusableInput:
-        raise
-    except Exception as error:  # whatever a user's function raises is told by its name
-        raise UnusableInput(f"{where}: {_cause(error)}") from error
-    if not isinstance(returned, Mapping):
-        raise UnusableInput(
-            f"{where} returns {type(returned).__name__}; return a dict with a value by name."
-        )
-    return returned
-
-
-def _cause(error: Exception) -> str:
-    """What a user's function raised, and what to write where it took arrays for numbers."""
-    if _TOOK_ARRAYS.search(str(error)):
-        return (
-            f"it is called with arrays, and a line of it needs a single number ({error}); write "
-            "np.where for if, np.maximum for max, np.sin for math.sin."
-        )
-    name = "" if isinstance(error, AttributeError) else f"{type(error).__name__}: "
-    return f"{name}{str(error).rstrip('.')}."
-
-
-def _complete(
-    returned: Mapping[str, Any], wanted: Mapping[str, str], where: str, what: str
-) -> dict[str, Any]:
-    """What was returned, in the order of what is wanted: nothing missing, nothing unknown."""
-    for name in returned:
-        if name not in wanted:
-            raise UnusableInput(
-                f"{where} returns {name!r}, which is no {what}; there are: {', '.join(wanted)}."
-            )
-    for name in wanted:
-        if name not in returned:
-            raise UnusableInput(f"{where} returns nothing for the {what} {name!r}; add it.")
-    return {name: returned[name] for name in wanted}
-
-
-def _names(stated: Sequence[Input] | Sequence[Output] | Sequence[Constant]) -> tuple[str, ...]:
-    return tuple(each.name for each in stated)
+        return complete(shown | measured, names, f"{self.name}.measure", "output")

@@ -1,0 +1,53 @@
+"""Functions that a user wrote, called so that what fails in them is said by their name.
+
+In: a function and its points. Out: what it returned, complete and in order; UnusableInput else.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from wakedeploy.core.errors import UnusableInput
+
+_TOOK_ARRAYS = re.compile(r"truth value of an array|scalar arrays|0-dimensional arrays")
+
+
+def called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str, Any]:
+    """What a user's function returns, by name; `where` is what the user calls it."""
+    try:
+        returned = method(*points)
+    except UnusableInput:
+        raise
+    except Exception as error:  # whatever a user's function raises is told by its name
+        raise UnusableInput(f"{where}: {_cause(error)}") from error
+    if not isinstance(returned, Mapping):
+        raise UnusableInput(
+            f"{where} returns {type(returned).__name__}; return a dict with a value by name."
+        )
+    return returned
+
+
+def complete(
+    returned: Mapping[str, Any], wanted: Mapping[str, str], where: str, what: str
+) -> dict[str, Any]:
+    """What was returned, in the order of what is wanted: nothing missing, nothing unknown."""
+    for name in returned:
+        if name not in wanted:
+            raise UnusableInput(
+                f"{where} returns {name!r}, which is no {what}; there are: {', '.join(wanted)}."
+            )
+    for name in wanted:
+        if name not in returned:
+            raise UnusableInput(f"{where} returns nothing for the {what} {name!r}; add it.")
+    return {name: returned[name] for name in wanted}
+
+
+def _cause(error: Exception) -> str:
+    """What a user's function raised, and what to write where it took arrays for numbers."""
+    if _TOOK_ARRAYS.search(str(error)):
+        return (
+            f"it is called with arrays, and a line of it needs a single number ({error}); write "
+            "np.where for if, np.maximum for max, np.sin for math.sin."
+        )
+    name = "" if isinstance(error, AttributeError) else f"{type(error).__name__}: "
+    return f"{name}{str(error).rstrip('.')}."
