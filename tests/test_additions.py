@@ -22,7 +22,8 @@ from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds, name_effects
+from wakedeploy.gap.systems.gantry.search.naming import name_effects
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.physics import effects
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.sweep.generate import Generate

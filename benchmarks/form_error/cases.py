@@ -23,7 +23,7 @@ from runtime.run import metadata
 from runtime.simulated import SimulatedGantry
 from wakedeploy.core.rig import Rig
 from wakedeploy.core.runlog import RunLog
-from wakedeploy.domains.gantry import _NO_TIME, _Rows
+from wakedeploy.domains.gantry import NO_TIME, Rows
 from wakedeploy.physics.constants import constants_of, moved_thrust, spreads_of
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig.file import default_rig
@@ -118,10 +118,10 @@ def fly(case: Case, rig: Rig, seed: int, seconds: float = SECONDS) -> RunLog:
     """One flight of the rig's own loop around the case's gantry, truth columns included."""
     plant: Any = FormPlant(build_of(case, rig), seed=seed)
     world = SimulatedGantry(plant, truth=rig, seed=seed)
-    rows = _Rows()
+    rows = Rows()
     plan = random_plan(rig, seconds, seed)
     Loop(rig, world, world, plan, None, rows, world, is_timed=False).run()
-    flight_metadata = metadata(rig, None, seed=seed, started=_NO_TIME, simulated=True)
+    flight_metadata = metadata(rig, None, seed=seed, started=NO_TIME, simulated=True)
     return RunLog.from_rows(rows.rows, flight_metadata)
 
 

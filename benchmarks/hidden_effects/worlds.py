@@ -25,7 +25,7 @@ from wakedeploy.core.files import write_text_whole
 from wakedeploy.core.package import read_package
 from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.core.runlog import RunLog
-from wakedeploy.domains.gantry import _NO_TIME, _forecast, _Rows, record
+from wakedeploy.domains.gantry import NO_TIME, Rows, forecasts_from, record
 from wakedeploy.physics.constants import constants_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.rail import GRAVITY_MPS2
@@ -162,11 +162,11 @@ def _second_flight(
     plant: Any = SecondPlant(second_constants(case), seed=seed)
     world = SimulatedGantry(plant, truth=case.model_rig, seed=seed)
     opened = read_package(package) if package is not None else None
-    forecast = _forecast(plant, opened, None, model)
-    rows = _Rows()
+    forecast = forecasts_from(plant, opened, None, model)
+    rows = Rows()
     plan = random_plan(model, seconds, seed)
     Loop(model, world, world, plan, forecast, rows, world, is_timed=False).run()
-    flight_metadata = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
+    flight_metadata = metadata(model, opened, seed=seed, started=NO_TIME, simulated=True)
     return RunLog.from_rows(rows.rows, flight_metadata)
 
 

@@ -11,6 +11,7 @@ from benchmarks.results import (
     between,
     comparison,
     compiled,
+    coverage,
     effects,
     faults,
     first_minutes,
@@ -103,6 +104,7 @@ CHAPTERS: dict[str, Chapter] = {  # by the name of the page in docs/results/
         (
             gap.demo,
             gap.hidden_effects,
+            *_of_record(coverage.RECORD, coverage.held),
             gap.form_losses,
             *_of_record(gap.FORM_ERROR, gap.form_error),
             *_of_record(reference_flights.RECORD, reference_flights.learned),

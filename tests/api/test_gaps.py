@@ -9,7 +9,7 @@ import pytest
 import wakedeploy as wd
 from wakedeploy.gap.systems.gantry.artefacts import Result
 from wakedeploy.gap.systems.gantry.folder import write
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import _cache_path
 
 

@@ -18,7 +18,7 @@ from wakedeploy.gap.systems.gantry.artefacts import Add, Artefact, Find, Name, S
 from wakedeploy.gap.systems.gantry.artefacts import Result as Told
 from wakedeploy.gap.systems.gantry.findings import Effect
 from wakedeploy.gap.systems.gantry.folder import write
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import _cache_path
 from wakedeploy.rig.file import default_rig
 

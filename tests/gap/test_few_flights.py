@@ -34,7 +34,7 @@ from wakedeploy.gap.systems.gantry.artefacts import Result
 from wakedeploy.gap.systems.gantry.find_name_add_show import add, open_case
 from wakedeploy.gap.systems.gantry.findings import Leading, Ranked
 from wakedeploy.gap.systems.gantry.folder import read_steps, write
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.places import places_sentence
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
 from wakedeploy.gap.systems.gantry.workflow import close, write_result

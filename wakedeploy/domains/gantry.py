@@ -40,7 +40,7 @@ from wakedeploy.rig.file import default_rig
 
 WINDOW_S = 0.5
 EPISODE_S = 25.0
-_NO_TIME = datetime.datetime.fromtimestamp(0, datetime.UTC)
+NO_TIME = datetime.datetime.fromtimestamp(0, datetime.UTC)  # of a simulated flight: it has none
 _LONGEST_LEAD_S = 1.0
 
 
@@ -83,25 +83,25 @@ def record(
     )
     opened = read_package(Path(package)) if isinstance(package, str | Path) else package
     world = SimulatedGantry(plant, truth=truth, seed=seed)
-    rows = _Rows()
+    rows = Rows()
     loop = Loop(
         model,
         world,
         world,
         plan if plan is not None else random_plan(model, seconds, seed),
-        _forecast(plant, opened, lead_oracle_s, model),
+        forecasts_from(plant, opened, lead_oracle_s, model),
         rows,
         world,
         is_timed=False,
     )
     loop.run()
     # A simulated flight happens at no time of day: the same seed gives the same file.
-    facts = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
+    facts = metadata(model, opened, seed=seed, started=NO_TIME, simulated=True)
     oracle = {} if lead_oracle_s is None else {"lead_oracle_s": f"{lead_oracle_s:g}"}
     return RunLog.from_rows(rows.rows, facts | oracle)
 
 
-class _Rows:
+class Rows:
     """Where the loop's rows go: a list."""
 
     error: str | None = None
@@ -114,7 +114,7 @@ class _Rows:
         self.rows.append(row)
 
 
-def _forecast(
+def forecasts_from(
     plant: GantryPlant, package: Package | None, lead_oracle_s: float | None, model: Rig
 ) -> Predictions | None:
     """Where the feedforward's force comes from: nowhere, the truth, or a package."""

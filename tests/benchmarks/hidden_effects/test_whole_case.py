@@ -19,7 +19,7 @@ from benchmarks.hidden_effects.table import summary
 from benchmarks.hidden_effects.worlds import true_rig, write_world
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.retraining import Pilot
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import default_rig, read_rig

@@ -26,7 +26,7 @@ from wakedeploy.gap.systems.gantry.folder import (
     required,
     write,
 )
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import default_rig, read_rig

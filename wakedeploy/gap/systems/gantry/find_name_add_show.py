@@ -39,13 +39,8 @@ from wakedeploy.gap.systems.gantry.search.correction import corrected_rig
 from wakedeploy.gap.systems.gantry.search.explainable_error import explainable
 from wakedeploy.gap.systems.gantry.search.importance import mattering
 from wakedeploy.gap.systems.gantry.search.judgement import judged, parts_of, unexplained
-from wakedeploy.gap.systems.gantry.search.naming import (
-    Answer,
-    Thresholds,
-    fitted_base,
-    name_effects,
-    with_terms,
-)
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base, name_effects, with_terms
+from wakedeploy.gap.systems.gantry.search.outcome import Answer, Thresholds
 from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED, glance
 from wakedeploy.gap.systems.gantry.search.refitting import refitted

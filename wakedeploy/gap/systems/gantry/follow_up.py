@@ -23,7 +23,7 @@ from wakedeploy.gap.systems.gantry.planning.plan import (
     stated_sizes,
     write_plan_reference,
 )
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import read_rig

@@ -35,7 +35,7 @@ from wakedeploy.gap.systems.gantry.folder import (
     write,
 )
 from wakedeploy.gap.systems.gantry.planning.plan import make_plan, stated_sizes
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 
 
 @dataclass(frozen=True, eq=False)

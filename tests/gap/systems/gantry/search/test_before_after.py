@@ -21,7 +21,8 @@ from wakedeploy.gap.systems.gantry.findings import Effect, Retraining
 from wakedeploy.gap.systems.gantry.folder import Steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.before_after import show, wrong_effects
-from wakedeploy.gap.systems.gantry.search.naming import Answer, Round, Thresholds, fitted_base
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base
+from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round, Thresholds
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found, Tried
 from wakedeploy.physics.constants import with_constants
 from wakedeploy.physics.effects import LIBRARY

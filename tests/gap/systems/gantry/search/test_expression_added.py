@@ -16,7 +16,8 @@ from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.systems.gantry.find_name_add_show import Case, add, show_gap, write_answer
 from wakedeploy.gap.systems.gantry.folder import read_steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.search.naming import Answer, Thresholds, name_effects
+from wakedeploy.gap.systems.gantry.search.naming import name_effects
+from wakedeploy.gap.systems.gantry.search.outcome import Answer, Thresholds
 from wakedeploy.gap.systems.gantry.workflow import result
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig.file import read_rig

@@ -12,12 +12,8 @@ from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.find_name_add_show import Case, _judged, find, name, write_answer
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.explainable_error import explainable
-from wakedeploy.gap.systems.gantry.search.naming import (
-    Thresholds,
-    fitted_base,
-    name_effects,
-    with_terms,
-)
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base, name_effects, with_terms
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.repeatability import FEWEST, repeated
 
 LIMITS = Thresholds(6.0, 8.0, 8.0, 36.0, 0.02, 0.02, 0.003)

@@ -21,9 +21,6 @@ from wakedeploy.gap.systems.gantry.search import naming
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
 from wakedeploy.gap.systems.gantry.search.expressions import search
 from wakedeploy.gap.systems.gantry.search.naming import (
-    Answer,
-    Round,
-    Thresholds,
     _claimed,
     _needed,
     _Search,
@@ -33,6 +30,7 @@ from wakedeploy.gap.systems.gantry.search.naming import (
     ranked_by_own_motion,
     with_terms,
 )
+from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round, Thresholds
 from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.refitting import expressed_by_own_motion, without_idle
 from wakedeploy.physics.constants import constants_of

@@ -9,7 +9,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import append_json_line
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.gap.systems.gantry.rules import RULES
-from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import (
     NullSet,
     known_thresholds,

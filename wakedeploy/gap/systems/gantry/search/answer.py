@@ -27,7 +27,7 @@ from wakedeploy.gap.systems.gantry.findings import (
 from wakedeploy.gap.systems.gantry.findings import Round as RoundTold
 from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
-from wakedeploy.gap.systems.gantry.search.naming import Answer, Round
+from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round
 from wakedeploy.gap.systems.gantry.search.threshold import FLIGHTS, SECONDS
 from wakedeploy.physics.effects import LIBRARY
 

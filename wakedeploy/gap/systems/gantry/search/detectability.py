@@ -8,7 +8,7 @@ import math
 
 from wakedeploy.gap.evidence.separation import Explained, explained, information
 from wakedeploy.gap.systems.gantry.findings import Detectable
-from wakedeploy.gap.systems.gantry.search.naming import Answer
+from wakedeploy.gap.systems.gantry.search.outcome import Answer
 from wakedeploy.physics.effects import LIBRARY
 
 _SURE_SD = 0.8416  # the normal quantile of four in five

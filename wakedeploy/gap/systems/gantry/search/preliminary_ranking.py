@@ -15,13 +15,8 @@ from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
-from wakedeploy.gap.systems.gantry.search.naming import (
-    Answer,
-    Round,
-    Thresholds,
-    ranked_by_own_motion,
-    settled,
-)
+from wakedeploy.gap.systems.gantry.search.naming import ranked_by_own_motion, settled
+from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round, Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import LEAST
 from wakedeploy.physics.effects import LIBRARY
 

@@ -16,7 +16,8 @@ from wakedeploy.gap.systems.gantry.findings import Half, Repeated
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
-from wakedeploy.gap.systems.gantry.search.naming import Answer, with_terms
+from wakedeploy.gap.systems.gantry.search.naming import with_terms
+from wakedeploy.gap.systems.gantry.search.outcome import Answer
 from wakedeploy.physics.effects import LIBRARY
 
 FEWEST = 2 * RULES.fewest_flights

@@ -19,7 +19,7 @@ from wakedeploy.gap.evidence.fits import Fit, Hypothesis, Slopes
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
-from wakedeploy.gap.systems.gantry.search.naming import Answer
+from wakedeploy.gap.systems.gantry.search.outcome import Answer
 
 FITS = "name.npz"
 

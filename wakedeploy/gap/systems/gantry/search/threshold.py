@@ -37,11 +37,11 @@ from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expression_terms import is_wave_in_time
 from wakedeploy.gap.systems.gantry.search.expressions import SEARCHED, search
 from wakedeploy.gap.systems.gantry.search.naming import (
-    Thresholds,
     fitted_base,
     ranked_by_own_motion,
     with_terms,
 )
+from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.refitting import expressed_by_own_motion
 from wakedeploy.gap.systems.gantry.varying import of_one_flight
