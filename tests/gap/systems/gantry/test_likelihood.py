@@ -7,7 +7,8 @@ from recorded import RIG, based, flown, with_effects
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.inference import fit
-from wakedeploy.gap.evidence.ranking import rank, scanned_starts
+from wakedeploy.gap.evidence.ranking import rank
+from wakedeploy.gap.evidence.starts import scanned_starts
 from wakedeploy.gap.systems.gantry.discrepancy import free_terms
 from wakedeploy.gap.systems.gantry.flight import DT_S
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel

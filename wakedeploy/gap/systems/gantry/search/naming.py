@@ -14,14 +14,8 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.expected_gains import worth_trying
 from wakedeploy.gap.evidence.fits import Fit, Hypothesis
 from wakedeploy.gap.evidence.inference import fit, held_out
-from wakedeploy.gap.evidence.ranking import (
-    LEDGE_NATS,
-    Candidate,
-    Scans,
-    candidate,
-    rank_fairly,
-    scanned_starts,
-)
+from wakedeploy.gap.evidence.ranking import LEDGE_NATS, Candidate, candidate, rank_fairly
+from wakedeploy.gap.evidence.starts import Scans, scanned_starts
 from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
