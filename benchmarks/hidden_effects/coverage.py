@@ -24,9 +24,10 @@ from benchmarks.records import FOLDER, write
 from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.core.parallel import parallel_map
 from wakedeploy.gap.evidence.ranking import rank
+from wakedeploy.gap.systems.gantry.findings import Size
 from wakedeploy.gap.systems.gantry.flight import read_flights
+from wakedeploy.gap.systems.gantry.search.answer import sizes_of
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
-from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import default_rig
 
 RECORD = "coverage.json"
@@ -74,26 +75,21 @@ def fitted(case: Case) -> dict[str, Any]:
     measured = Measured(rig, flights)
     found = rank(measured.model, measured.base, [effect])[0]
     _, fit = refitted(measured.model, found.fit)
-    rows = [
-        _row(truth[p.name], fit.value(name), *fit.interval(name), p.unit)
-        for p in LIBRARY[effect].parameters
-        for name in [f"{effect}.{p.name}"]
-    ]
-    names = [p.name for p in LIBRARY[effect].parameters]
+    told = sizes_of(fit, effect)
     return {
         "case": case.name,
         "effect": effect,
         "plant": case.plant,
         "target_nats": case.nats,
         "gain_nats": found.gain_nats,
-        "parameters": dict(zip(names, rows, strict=True)),
+        "parameters": {name: _row(truth[name], size) for name, size in told.items()},
         "seconds": time.process_time() - began_s,
     }
 
 
-def _row(truth: float, value: float, low: float, high: float, unit: str) -> dict[str, Any]:
-    held = bool(low <= truth <= high)
-    return {"truth": truth, "value": value, "low": low, "high": high, "unit": unit, "held": held}
+def _row(truth: float, size: Size) -> dict[str, Any]:
+    told = {"value": size.value, "low": size.low, "high": size.high, "unit": size.unit}
+    return {"truth": truth, **told, "held": size.low <= truth <= size.high}
 
 
 def run(wanted: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.hidden_effects.measure import Floor, Measured, Strength, finite
+from wakedeploy.gap.evidence.fits import told_by_data
 from wakedeploy.gap.rules import sealed_count
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.rig.file import read_rig
@@ -175,8 +176,9 @@ def _share(result: Result, floor_m: float | None) -> float | None:
 def _strength(strength: Strength, truth: Truth) -> dict[str, Any]:
     rows = []
     for effect, values in truth["effects"].items():
+        told = told_by_data(strength.fit, effect)
         for name, value in values.items():
-            low, high = strength.fit.interval(f"{effect}.{name}")
+            low, high = told.interval(f"{effect}.{name}")
             rows.append(_interval(effect, name, low, high, value))
     return {"nats": finite(strength.nats), "fitted_intervals": rows}
 

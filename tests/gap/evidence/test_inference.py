@@ -13,7 +13,14 @@ from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence import inference
 from wakedeploy.gap.evidence.ascent import slopes_at, top_within
-from wakedeploy.gap.evidence.fits import Free, Score, extended, log_prior, neutral
+from wakedeploy.gap.evidence.fits import (
+    Free,
+    Score,
+    extended,
+    log_prior,
+    neutral,
+    told_by_data,
+)
 from wakedeploy.gap.evidence.inference import fit, held_out, settled
 
 EVERY = range(EPISODES)
@@ -41,6 +48,33 @@ def test_a_fit_ends_as_near_as_it_is_told_to() -> None:
     for enough_nats in (1e-3, 1e-6):
         away = fit(model, ("a",), EVERY, enough_nats=enough_nats).theta - mean
         assert 0.5 * away @ np.linalg.solve(covariance, away) < enough_nats
+
+
+class Thought(Linear):
+    """The same, with an effect that was thought to be about so large before."""
+
+    def __init__(self, sd: float) -> None:
+        super().__init__(TRUTH)
+        self.sd = sd
+
+    def free(self, hypothesis):
+        free = super().free(hypothesis)
+        return tuple(f if f.quantity else replace(f, prior_sd=self.sd) for f in free)
+
+
+def test_the_size_that_data_tell_is_not_drawn_to_what_was_thought_before() -> None:
+    near = fit(Thought(0.1), ("a",), EVERY, enough_nats=1e-9)
+    told = told_by_data(near, "a")
+    mean, covariance = Thought(np.inf).posterior(("a",))
+    assert abs(near.value("a.size")) < 0.95 * abs(mean[-1])
+    assert told.theta == pytest.approx(mean, abs=1e-3)
+    assert told._variances("a.size")[0] == pytest.approx(covariance[-1, -1], rel=1e-3)
+    assert told_by_data(told, "a") is told
+
+
+def test_what_the_data_do_not_tell_stays_where_it_was_thought_to_be() -> None:
+    near = fit(Thought(0.01), ("a",), EVERY)
+    assert told_by_data(near, "a") is near
 
 
 class LargeResiduals:

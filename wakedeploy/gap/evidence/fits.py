@@ -5,7 +5,7 @@ of innovation and variance give gradient and Fisher information (Gauss–Newton)
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -238,6 +238,45 @@ class Fit:
             return self.names.index(name)
         except ValueError as error:
             raise KeyError(f"{name!r} is not free under {self.hypothesis}") from error
+
+
+def told_by_data(fitted: Fit, effect: str) -> Fit:
+    """The fit without what was thought plausible of an effect's size before, to second order.
+
+    A prior keeps a search where effects may be; the size that data tell it would draw towards
+    nothing. What a parameter's prior says more of than the data do keeps it, so that a shape that
+    they do not tell stays where it is plausible.
+    """
+    total = fitted.slopes.fisher().sum(0) + np.diag(prior_precision(fitted.free))
+    own = [
+        i
+        for i, f in enumerate(fitted.free)
+        if f.name.startswith(f"{effect}.") and np.isfinite(f.prior_sd) and _is_within(f, fitted, i)
+    ]
+    while own:
+        precision = np.array([1.0 / fitted.free[i].prior_sd ** 2 for i in own])
+        alone = total.copy()
+        alone[own, own] -= precision
+        variance = np.array([solved(alone, np.eye(len(total))[i])[i] for i in own])
+        least = int(np.argmax(np.where(variance > 0.0, variance * precision, np.inf)))
+        if 0.0 < variance[least] * precision[least] < 1.0:
+            break
+        own.pop(least)
+    if not own:
+        return fitted
+    pull = np.zeros(len(total))
+    pull[own] = [
+        (fitted.theta[i] - fitted.free[i].neutral) * p for i, p in zip(own, precision, strict=True)
+    ]
+    theta = np.clip(fitted.theta + solved(alone, pull), *bounds_of(fitted.free))
+    free = tuple(replace(f, prior_sd=np.inf) if i in own else f for i, f in enumerate(fitted.free))
+    summits = tuple(told_by_data(summit, effect) for summit in fitted.summits)
+    return replace(fitted, theta=theta, free=free, summits=summits)
+
+
+def _is_within(free: Free, fitted: Fit, place: int) -> bool:
+    """Whether a parameter is at none of its bounds, where it follows nothing."""
+    return bool(free.low < fitted.theta[place] < free.high)
 
 
 def extended(base: Fit, free: Sequence[Free]) -> FloatArray:

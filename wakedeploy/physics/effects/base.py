@@ -31,7 +31,8 @@ class Parameter:
     `starts`: how far from neutral (in `scale`) fits begin, where the neutral point itself has no
     slope. `scanned`: least size, largest size, and the ratio from one to the next, for a likelihood
     so jagged that every such size is looked at first. `summits_apart`: how far its summits stand
-    from each other, as a share of the size; no standard error below that is stated.
+    from each other, as a share of the size; no standard error below that is stated. Nor is one
+    below `finest`: what the laws that a fit goes by leave open, however much is flown.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Parameter:
     starts: tuple[float, ...] = (0.5,)
     scanned: tuple[float, float, float] | None = None
     summits_apart: float = 0.0
+    finest: float = 0.0
 
     def neutral_on(self, constants: Values) -> float:
         """The value at which it changes nothing on a rig with these constants."""

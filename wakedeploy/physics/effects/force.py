@@ -58,6 +58,7 @@ class Stiction(Effect):
             high=10.0,
             constant="rail.stiction_n",
             starts=(0.5, 2.0),
+            finest=0.025,  # readings miss the moment of breaking loose, and laws differ there
         ),
     )
     confused_with = ("coulomb-friction", "pwm-dead-band")

@@ -159,6 +159,7 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
         quantity,
         adds_to=p.constant if p.constant in _ADDED else "",
         scanned=_scanned(p),
+        finest=p.finest,
         finest_share=p.summits_apart,
     )
 

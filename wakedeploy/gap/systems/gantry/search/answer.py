@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit
+from wakedeploy.gap.evidence.fits import Fit, told_by_data
 from wakedeploy.gap.evidence.separation import gather, loss_nats
 from wakedeploy.gap.search.artefacts import Quantity, White
 from wakedeploy.gap.systems.gantry.artefacts import Name
@@ -87,7 +87,8 @@ def _sized(fitted: Fit, effect: str) -> Sized:
 
 
 def sizes_of(fitted: Fit, effect: str) -> Sizes:
-    """The parameters of one of a fit's effects, with 90 % intervals."""
+    """The parameters of one of a fit's effects as the flights tell them, with 90 % intervals."""
+    fitted = told_by_data(fitted, effect)
     return {p.name: _size(fitted, f"{effect}.{p.name}", p.unit) for p in LIBRARY[effect].parameters}
 
 
