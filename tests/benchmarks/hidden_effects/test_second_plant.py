@@ -24,7 +24,7 @@ from runtime.loop.loop import Loop
 from runtime.reference import random_plan
 from runtime.simulated import SimulatedGantry
 from wakedeploy.core.runlog import RunLog
-from wakedeploy.domains.gantry import _Rows
+from wakedeploy.domains.gantry import Rows
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.jet import VerticalJet
 from wakedeploy.rig.file import default_rig
@@ -196,7 +196,7 @@ def test_the_integrator_converges_with_its_tolerance() -> None:
 
 def fly(make: Callable[[], GantryPlant | SecondPlant], seed: int, seconds: float) -> RunLog:
     world = SimulatedGantry(make(), truth=RIG, seed=seed)  # type: ignore[arg-type]
-    rows = _Rows()
+    rows = Rows()
     Loop(RIG, world, world, random_plan(RIG, seconds, seed), None, rows, world).run()
     return RunLog.from_rows(rows.rows)
 
