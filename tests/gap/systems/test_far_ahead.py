@@ -19,6 +19,7 @@ from wakedeploy.gap.search.artefacts import Answer, Law, Leftover, read
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import Named
 from wakedeploy.gap.search.results import answer_of
+from wakedeploy.gap.systems import logs
 from wakedeploy.gap.systems.correction import read_correction
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.own_folder import CORRECTION, OwnFolder
@@ -227,6 +228,23 @@ def test_what_is_named_near_is_where_the_search_far_ahead_begins():
     placebo = answer_of(again).placebo  # which was asked near, in the first ranking
     assert placebo is not None
     assert placebo.name == "offset@speed_mps"
+
+
+def test_long_logs_are_searched_in_part_far_ahead_too(monkeypatch):
+    """What was named is fitted to the samples that the search goes on with."""
+    monkeypatch.setattr(logs, "_SEARCHED", 1)  # at least twice as far as a forecast reaches
+    model = LogModel(Pushed(), [recorded(3.0, 1920)])
+    assert model.thinned() is not model
+    near = judging._named(model, fitted_base(model), quiet)
+    assert near.found.hypothesis == (FRICTION,)
+    again = judging._further_ahead(model.far_ahead(), near, quiet)
+    assert again.found.hypothesis == (FRICTION,)
+    found, base = (
+        [len(score.log_density) for score in fitted.slopes.scores]
+        for fitted in (again.found, again.base)
+    )
+    assert found == base
+    assert again.found.episodes == near.found.episodes
 
 
 def test_steps_go_on_from_an_answer_far_ahead(rubbing, monkeypatch, tmp_path):

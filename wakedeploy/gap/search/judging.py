@@ -80,11 +80,20 @@ def _further_ahead(far: Comparison, near: Named, progress: Progress) -> Named:
     speaks against.
     """
     base, hypothesis = fitted_base(far), near.found.hypothesis
-    start = theta_from(far, hypothesis, near.found, base)
-    found = settled(far, fit(far, hypothesis, base.episodes, start))[0]
+    part, begun = _on_part(far, base)
+    start = theta_from(part, hypothesis, near.found, begun)
+    found = settled(part, fit(part, hypothesis, base.episodes, start))[0]
     rounds = copy.deepcopy(near.rounds)
-    begun = replace(near, model=far, base=base, found=found, rounds=rounds)
-    return _searched(far, base, begun, progress)
+    outcome = replace(near, model=far, base=begun, found=found, rounds=rounds)
+    return _searched(far, base, outcome, progress)
+
+
+def _on_part(model: Comparison, base: Fit) -> tuple[Comparison, Fit]:
+    """The part of the recordings that a search looks at, and the base fitted to it."""
+    part = searched_on(model)
+    if part is model:
+        return model, base
+    return part, settled(part, fit(part, (), base.episodes, base.theta))[0]
 
 
 def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[dict[str, Any], ...]:
@@ -106,10 +115,7 @@ def _named(
 
     With `lacks_something` another way has said so: then "none" explains too little.
     """
-    part = searched_on(model)
-    begun = base
-    if part is not model:
-        begun = settled(part, fit(part, (), base.episodes, base.theta))[0]
+    part, begun = _on_part(model, base)
     outcome = _searched(model, base, Named(model, begun, begun, []), progress)
     is_open = verdict_of(outcome) == "unknown"
     is_open = is_open or (lacks_something and not outcome.found.hypothesis)
