@@ -80,6 +80,7 @@ _HIDDEN = (
     ("cart", {"bristle": 1.5, "bends_m": 0.1},
      (f"hysteresis@{_CART}", f"pre-sliding-friction@{_CART}"), (f"coulomb-friction@{_CART}",)),
     ("servo", {"floor": -0.4, "bounce": 0.3}, (f"lower-stop@{_SWING}",), ()),
+    ("cart", {"spring": 6.0, "rests_m": 0.5}, (f"preloaded-spring@{_CART}",), ()),
 )  # fmt: skip
 _OUTSIDE = (("cart", {"magnet": 4.0}), ("motor", {"shaking": 0.1}))
 _OPEN = ("steps", "waves", "sweep")

@@ -44,7 +44,10 @@ def cart(x: list[float], u: float, hidden: Hidden) -> list[float]:
     The magnet holds it back. A bristle, where there is one, is a third state (Dahl, 1968).
     """
     force = u - 0.97 * x[1] - _rubbing(x[1], hidden)
-    force -= hidden.get("spring", 0.0) * x[0] + hidden.get("cubic", 0.0) * x[0] ** 3
+    force -= (
+        hidden.get("spring", 0.0) * (x[0] - hidden.get("rests_m", 0.0))
+        + hidden.get("cubic", 0.0) * x[0] ** 3
+    )
     force -= hidden.get("teeth", 0.0) * math.sin(2 * math.pi * x[0] / hidden.get("pitch_m", 1.0))
     force -= hidden.get("magnet", 0.0) * math.exp(-(((x[0] - 0.1) / 0.2) ** 2))
     if "bristle" in hidden:

@@ -60,6 +60,13 @@ def test_of_those_that_nothing_tells_apart_the_simplest_comes_first():
     assert _told(rubs, push) == ["coulomb@v", "offset@v"]  # a shape makes it no less simple
 
 
+def test_a_rival_that_only_elaborates_another_rival_is_none():
+    bias, push = (_verdict(n, ACCEPTED, [3.0, 3.0], 1.0) for n in ("bias@u", "offset@v"))
+    spring = _verdict("preloaded-spring@v", ACCEPTED, [3.0, 3.0], 1.0)
+    assert _told(bias, push, spring) == ["bias@u", "offset@v"]
+    assert _told(bias, spring) == ["bias@u", "preloaded-spring@v"]
+
+
 @pytest.mark.parametrize(
     ("share", "low", "alone", "beside"),
     [

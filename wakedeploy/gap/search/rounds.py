@@ -150,12 +150,23 @@ def is_shared(effect: Candidate, chance: float) -> bool:
 
 def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
     """A leader and all that rival it: those that are accepted first, of these the simplest."""
-    alike = undecided(model, [leader, *_rivals(leader, verdicts)])
+    alike = _alike(model, leader, verdicts)
     if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
         return [leader]
     return sorted(
         alike, key=lambda v: (v.why != ACCEPTED, len(sizes_of(v.candidate.fit, v.candidate.name)))
     )
+
+
+def _alike(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """A leader and what the recordings do not tell from it; none that only elaborates another."""
+    alike = undecided(model, [leader, *_rivals(leader, verdicts)])
+    names = [v.candidate.name for v in alike]
+    return [
+        v
+        for v in alike
+        if v is leader or not any(elaborates(v.candidate.name, other) for other in names)
+    ]
 
 
 def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
@@ -241,7 +252,7 @@ def _pair(
         gained = share_of_gap(crossed(model, outcome.base), before, after)
         if not _is_worth_naming(both, list(outcome.weights)) or gained < RULES.least_of_gap:
             continue
-        alike = undecided(model, [first, *_rivals(first, beside_it)])
+        alike = _alike(model, first, beside_it)
         members = (first.candidate.name, *(v.candidate.name for v in alike if v is not first))
         most = RULES.most_in_class if outcome.weights else len(members)
         if (outcome.rivals and len(members) > 1) or len(members) > most:
@@ -250,7 +261,7 @@ def _pair(
             outcome, found=beside, rivals=members if len(members) > 1 else outcome.rivals
         )
         second = replace(verdict, why=ACCEPTED, weight=both)
-        alike = undecided(model, [second, *_rivals(second, verdicts)])
+        alike = _alike(model, second, verdicts)
         further = _with(model, company, [second, *(v for v in alike if v is not second)])
         if further is None:
             continue

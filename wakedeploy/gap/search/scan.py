@@ -32,6 +32,7 @@ _SIMPLER_KINDS = {
     "hysteresis": ("coulomb-friction", "pre-sliding-friction"),
     "second-order-lag": ("lag", "dead-time"),
     "periodic-force": ("offset", "gravity"),
+    "preloaded-spring": ("stiffness", "offset"),
 }
 _FINER_FRICTION = ("pre-sliding-friction", "stribeck-friction")
 

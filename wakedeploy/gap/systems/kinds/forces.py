@@ -177,6 +177,24 @@ class Stiffness(ForceKind):
         return np.asarray(-p["stiffness"] * at.position)
 
 
+class PreloadedSpring(ForceKind):
+    """A spring that rests elsewhere than at position 0, as a buoyancy that changes with depth."""
+
+    name = "preloaded-spring"
+    phrase = "a spring that acts on {port} and does not rest at position 0"
+    equation = "F − k x"
+    source = _MECHANICS
+    needs = ("position",)
+    parameters = (
+        Parameter("stiffness", {"force": 1, "position": -1}),
+        Parameter("preload", _FORCE, starts=(0.0, 0.0)),
+    )
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Towards where it rests; `preload` is what it bears at position 0."""
+        return np.asarray(p["preload"] - p["stiffness"] * at.position)
+
+
 class CubicStiffness(ForceKind):
     """A spring that hardens or softens."""
 
@@ -406,6 +424,6 @@ def _softened(beyond: FloatArray, p: Parameters, at: At) -> FloatArray:
 
 KINDS = (
     Offset(), Viscous(), Coulomb(), Stribeck(), Presliding(), QuadraticDrag(), Stiffness(),
-    CubicStiffness(), SquareStiffness(), Gravity(), Periodic(), Hysteresis(), AddedInertia(),
-    GroundEffect(), UpperStop(), LowerStop(), UpperRim(), LowerRim(), Coupling(),
+    PreloadedSpring(), CubicStiffness(), SquareStiffness(), Gravity(), Periodic(), Hysteresis(),
+    AddedInertia(), GroundEffect(), UpperStop(), LowerStop(), UpperRim(), LowerRim(), Coupling(),
 )  # fmt: skip
