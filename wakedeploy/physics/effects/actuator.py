@@ -4,6 +4,17 @@ import numpy as np
 
 from wakedeploy.physics.effects.base import Effect, Motion, Number, Parameter, Setting, Values
 
+# What the loop's delays are beyond the calibrated ones, and how a step of the plant is cut, are a few
+# milliseconds, always to one side: they pass for as much lag.
+_FINEST_LAG_S = 0.003
+
+
+def _lag(name: str, constant: str) -> Parameter:
+    """A rotor's lag one way."""
+    return Parameter(
+        name, "s", scale=0.05, low=0.0, high=1.0, constant=constant, finest=_FINEST_LAG_S
+    )
+
 
 class SpoolLagSufferer(Effect):
     """The sufferer's rotor inertia."""
@@ -13,8 +24,8 @@ class SpoolLagSufferer(Effect):
     equation = "d√T / dt = (√T_c − √T) / up_s, or / down_s where T_c < T"
     stage = "actuator"
     parameters = (
-        Parameter("up_s", "s", scale=0.05, low=0.0, high=1.0, constant="spool.sufferer.up_s"),
-        Parameter("down_s", "s", scale=0.05, low=0.0, high=1.0, constant="spool.sufferer.down_s"),
+        _lag("up_s", "spool.sufferer.up_s"),
+        _lag("down_s", "spool.sufferer.down_s"),
     )
     confused_with = ("command-latency", "added-mass")
     split_by = "thrust steps up and down: a dead time shifts the response, a lag bends it"
@@ -29,8 +40,8 @@ class SpoolLagSource(Effect):
     equation = "d√T_s / dt = (√T_c − √T_s) / up_s, or / down_s where T_c < T_s"
     stage = "actuator"
     parameters = (
-        Parameter("up_s", "s", scale=0.05, low=0.0, high=1.0, constant="spool.source.up_s"),
-        Parameter("down_s", "s", scale=0.05, low=0.0, high=1.0, constant="spool.source.down_s"),
+        _lag("up_s", "spool.source.up_s"),
+        _lag("down_s", "spool.source.down_s"),
     )
     confused_with = ("transport-speed", "transport-speed-exponent")
     split_by = "source steps at two separations: only a transport delay grows with the way"
