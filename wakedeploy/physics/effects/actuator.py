@@ -4,8 +4,8 @@ import numpy as np
 
 from wakedeploy.physics.effects.base import Effect, Motion, Number, Parameter, Setting, Values
 
-# What the loop's delays are beyond the calibrated ones, and how a step of the plant is cut, are a few
-# milliseconds, always to one side: they pass for as much lag.
+# What the loop's delays are beyond the calibrated ones, and how a step of the plant is cut, are a
+# few milliseconds, always to one side: they pass for as much lag.
 _FINEST_LAG_S = 0.003
 
 
