@@ -76,7 +76,9 @@ def check(
     Example:
         wakedeploy gap check my_robot.py --measured log.csv
     """
+    from wakedeploy.gap.systems.clocks import late_inputs
     from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows, step_notes
+    from wakedeploy.gap.systems.words import late_words
     from wakedeploy.gap.wording import counted
 
     chosen = [path for path in (system_file, system_path) if path is not None]
@@ -98,7 +100,7 @@ def check(
         sensitivities = rows(
             model, base, lambda done, of: progress("moving constants and effects", done, of)
         )
-    for note in step_notes(model, base):
+    for note in [*step_notes(model, base), *late_words(late_inputs(model, base))]:
         click.echo(f"  {note}")
         notes.append(note)
     print_table(

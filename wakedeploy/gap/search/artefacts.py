@@ -312,8 +312,10 @@ class Answer(Artefact):
 
     `rivals` are the effects that cannot be told apart, `parameters` those of all that was named.
     `moved` are constants that the fit has moved by more than three of their spreads, and by how
-    many. With `is_outdone` the system's forecasts are no better than the last reading or the mean.
-    With `is_far_ahead` it was asked to predict far ahead, as the next reading told too little.
+    many. `late` are inputs that come later than the outputs that they drive, and by how many
+    seconds: two clocks, or a delay that the system has too much. With `is_outdone` the system's
+    forecasts are no better than the last reading or the mean. With `is_far_ahead` it was asked to
+    predict far ahead, as the next reading told too little.
     """
 
     verdict: Verdict
@@ -323,6 +325,7 @@ class Answer(Artefact):
     parameters: Sizes
     constants: Sizes
     moved: dict[str, Number] = {}
+    late: dict[str, Number] = {}
     noise: dict[str, Quantity]
     rounds: list[Round]
     unsettled: list[str]

@@ -3,7 +3,7 @@
 In: a `Comparison`, its fits, and what was named. Out: the artefacts of `find`, `name` and `show`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -76,6 +76,7 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         parameters=sizes,
         constants=_constants(outcome.found),
         moved=_moved(outcome.found),
+        late=_late(model, outcome.base),
         noise=_noise(outcome.found),
         rounds=rounds,
         unsettled=list(outcome.unsettled),
@@ -87,6 +88,12 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         found_theta=theta_of(outcome.found),
         base_theta=theta_of(outcome.base),
     )
+
+
+def _late(model: Comparison, base: Fit) -> dict[str, float]:
+    """Inputs that come too late, by seconds, of a model that can tell."""
+    asked: Callable[[Fit], dict[str, float]] | None = getattr(model, "late_inputs", None)
+    return {} if asked is None else asked(base)
 
 
 def before_after(

@@ -22,6 +22,7 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.blocks import Block, Log, blocks_of, logs_of
+from wakedeploy.gap.systems.clocks import late_inputs
 from wakedeploy.gap.systems.filter import Filter, Run, Start
 from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.leftover import leftovers
@@ -194,6 +195,10 @@ class LogModel:
         if not self.is_pushed:
             return ()
         return tuple(asdict(push) for push in leftovers(self, fitted))
+
+    def late_inputs(self, base: Fit) -> dict[str, float]:
+        """Inputs that come later than the outputs that they drive, and by how much [s]."""
+        return late_inputs(self, base)
 
     def with_effects(self, effects: Mapping[str, Effect]) -> "LogModel":
         """The same system that may lack these as well."""

@@ -5,6 +5,8 @@ sure is that, what next. The numbers stand below them. A page shows the same fir
 the place of the numbers, and the remarks.
 """
 
+from collections.abc import Mapping
+
 from wakedeploy.gap.search.artefacts import (
     Answer,
     Artefact,
@@ -79,7 +81,7 @@ def _found(disagreements: Disagreements) -> list[str]:
 
 def _verdict(answer: Answer) -> list[str]:
     """What the system lacks; before it, what speaks against any answer."""
-    return [*_moved(answer), _lacking(answer)]
+    return [*late_words(answer.late), *_moved(answer), _lacking(answer)]
 
 
 def _lacking(answer: Answer) -> str:
@@ -179,6 +181,16 @@ def next_step(result: Result) -> str:
     if result.verdict == "unknown":
         return "See what these logs show and what looks alike; record one that excites it more."
     return "Use the system as it is. How small an effect these logs would show, `gap power` says."
+
+
+def late_words(late: Mapping[str, float]) -> list[str]:
+    """What to do about inputs that come too late, by seconds."""
+    return [
+        f"Doubt what follows: the outputs move {quantity(seconds, 's')} before {name} does, which "
+        "drives them. Where the log has two clocks, or stamps or filters it late, bring it forward "
+        f"(shift_s = {-seconds:.3g} in [columns.{name}]); else the system delays it too much."
+        for name, seconds in late.items()
+    ]
 
 
 def _moved(answer: Answer) -> list[str]:

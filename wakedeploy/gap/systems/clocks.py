@@ -1,0 +1,103 @@
+"""Inputs that come later in a log than the outputs that they drive: two clocks, or late stamps.
+
+In: a `LogModel` and the fit of the system as it is. Out: by how much such inputs are late. No
+effect makes an output move before its cause; a search that is asked all the same names what comes
+nearest.
+"""
+
+import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
+from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.systems.blocks import Log
+from wakedeploy.gap.systems.filter import Filter
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.systems.logs import LogModel
+
+_EVIDENT_NATS = 10.0  # by which outputs have to move before an input; chance brings none
+_FEWEST, _MOST = 2, 64  # samples that an input may be late; one is a matter of how logs are stamped
+_NEAR = (1, 2, 4)  # samples that are always tried, and how many more that errors point at
+_LIKELY = 3
+
+
+def late_inputs(model: "LogModel", base: Fit) -> dict[str, float]:
+    """Inputs by name, and how late each is [s]; those that are on time are not there."""
+    late = {}
+    for i, stated in enumerate(model.system.inputs):
+        samples = _late_by(model, base, i)
+        if samples:
+            late[stated.name] = samples * model.dt_s
+    return late
+
+
+def _late_by(model: "LogModel", base: Fit, place: int) -> int:
+    """By how many samples an input is late: 0, or where the system explains most.
+
+    A first look leaves the fit as it is, which has followed the late input as well as it could.
+    """
+    seen = _nats(model, base)
+    tried = {*_NEAR, *_likely(model, base, place)}
+    first = max((_nats(_earlier(model, place, samples), base), samples) for samples in tried)
+    if first[0] - seen < _EVIDENT_NATS:
+        return 0
+    nats = {0: base.objective, first[1]: _refitted(model, base, place, first[1])}
+    while (best := max(nats, key=nats.__getitem__)) == max(nats) and 2 * best <= _MOST:
+        nats[2 * best] = _refitted(model, base, place, 2 * best)
+    step = max(best // 2, 1)
+    while step > 0:
+        for samples in (best - step, best + step):
+            if samples > 0 and samples not in nats:
+                nats[samples] = _refitted(model, base, place, samples)
+        best, step = max(nats, key=nats.__getitem__), step // 2
+    return best if best >= _FEWEST and nats[best] - nats[0] > _EVIDENT_NATS else 0
+
+
+def _likely(model: "LogModel", base: Fit, place: int) -> list[int]:
+    """The shifts at which errors of the next reading follow changes of the input best."""
+    found = np.zeros(_MOST + 1)
+    scores = model.scores((), base.theta[None], base.episodes)[0]
+    for episode, score in zip(base.episodes, scores, strict=True):
+        block = model.blocks[episode]
+        errors = score.white.reshape(len(model.channels), -1)
+        row = model.logs[block.log].inputs[place]
+        change = np.append(np.diff(row, prepend=row[0]), np.zeros(_MOST))
+        ahead = np.lib.stride_tricks.sliding_window_view(change, block.stop - block.start)
+        found += ((ahead[block.start : block.start + _MOST + 1] @ errors.T) ** 2).sum(1)
+    return [int(samples) for samples in np.argsort(-found[1:])[:_LIKELY] + 1]
+
+
+def _refitted(model: "LogModel", base: Fit, place: int, samples: int) -> float:
+    return fit(_earlier(model, place, samples), (), base.episodes, base.theta).objective
+
+
+def _nats(model: "LogModel", base: Fit) -> float:
+    scores = model.scores((), base.theta[None], base.episodes)[0]
+    return float(sum(score.log_density.sum() for score in scores))
+
+
+def _earlier(model: "LogModel", place: int, samples: int) -> "LogModel":
+    """The model of logs in which one input comes earlier."""
+    logs = [_shifted(log, place, samples) for log in model.logs]
+    moved = copy.copy(model)
+    moved.logs = logs
+    known = model.filter
+    moved.filter = Filter(logs, known.blocks, known.starts, known.driven, known.outliers)
+    moved.filter.stretch = known.stretch
+    return moved
+
+
+def _shifted(log: Log, place: int, samples: int) -> Log:
+    inputs, driving = log.inputs.copy(), log.driving.copy()
+    inputs[place] = _advanced(inputs[place], samples)
+    driving[place] = _advanced(driving[place], samples * driving.shape[1] // inputs.shape[1])
+    return replace(log, inputs=inputs, driving=driving)
+
+
+def _advanced(row: FloatArray, samples: int) -> FloatArray:
+    """A row that comes so many samples earlier; its last value is held."""
+    return np.concatenate([row[samples:], np.full(min(samples, len(row)), row[-1])])
