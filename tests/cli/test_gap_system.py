@@ -85,6 +85,33 @@ def test_init_never_overwrites(folder):
 
 
 @pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("my_robot.py", "MyRobot"), ("out tendon.py", "OutTendon"), ("out_r.urdf.py", "OutRUrdf"),
+        ("3dof-arm.py", "System3dofArm"), ("größe.py", "Größe"), ("none.py", "SystemNone"),
+        ("²(…).py", "Robot"), ("NAME.py", "NAME"), ('a"""b\\N.py', "ABN"),
+    ],
+)  # fmt: skip
+def test_a_file_of_any_name_has_a_class_that_python_reads(tmp_path, file, name):
+    path = tmp_path / "my systems" / file
+    path.parent.mkdir()
+    told = CliRunner().invoke(command, ["init", str(path)], catch_exceptions=False)
+    assert read_system(path).name == name
+    line = told.output.splitlines()[0]
+    words = shlex.split(line[line.index("then: ") + 6 :])  # as a shell reads it
+    assert words[:4] == ["wakedeploy", "gap", "check", str(path)]
+
+
+@pytest.mark.parametrize("file", ["x.txt", "robot", "robot.PY"])
+def test_what_is_no_python_file_is_refused_before_it_is_written(tmp_path, file):
+    told = CliRunner().invoke(command, ["init", str(tmp_path / file)])
+    assert isinstance(told.exception, UnusableInput)
+    stem = Path(file).stem
+    assert f"give a name that ends in .py, as {stem}.py" in str(told.exception)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
     ("text", "says"),
     [
         ("version = 4\n", "system"),

@@ -41,6 +41,10 @@ def init(path: Path, mjcf: Path | None) -> None:
     from wakedeploy.core.files import write_text_whole
     from wakedeploy.gap.systems.template import template
 
+    if path.suffix != ".py":
+        raise UnusableInput(
+            f"{path}: a system is a Python file; give a name that ends in .py, as {path.stem}.py."
+        )
     if path.exists():
         raise UnusableInput(f"{path} is there already; give another name.")
     if mjcf is None:
@@ -50,8 +54,9 @@ def init(path: Path, mjcf: Path | None) -> None:
 
         text = mjcf_template(mjcf, path)
     write_text_whole(path, text)
+    named = shlex.quote(str(path))
     click.echo(
-        f"Wrote {path}. Make it yours, then: wakedeploy gap check {path} --measured LOG\n"
+        f"Wrote {path}. Make it yours, then: wakedeploy gap check {named} --measured LOG\n"
         "A log with other names or units also needs --columns; a first one: wakedeploy data import "
         "table LOG --guess --columns columns.toml"
     )

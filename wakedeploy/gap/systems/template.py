@@ -1,5 +1,10 @@
 """The file that `gap init` writes: a system that runs as it is, for a person to make their own."""
 
+import json
+import keyword
+import re
+from collections.abc import Mapping
+
 TEMPLATE = '''"""NAME: a system for `wakedeploy gap`; the library does the rest."""
 
 import numpy as np
@@ -33,11 +38,26 @@ class CLASS(System):
 
 def template(stem: str) -> str:
     """The file's text; `stem` is its name without the ending."""
-    return TEMPLATE.replace("NAME", stem).replace("CLASS", class_name(stem))
+    return filled(TEMPLATE, {"NAME": in_docstring(stem), "CLASS": class_name(stem)})
+
+
+def filled(text: str, values: Mapping[str, str]) -> str:
+    """A text with values for its words in capitals, none of which is looked into again."""
+    return re.sub(rf"\b(?:{'|'.join(values)})\b", lambda found: values[found[0]], text)
+
+
+def in_docstring(name: str) -> str:
+    """A file's name as part of a docstring."""
+    return literal(name)[1:-1]
+
+
+def literal(name: str) -> str:
+    """A file's name in Python, in quotes."""
+    return json.dumps(name, ensure_ascii=False)
 
 
 def class_name(stem: str) -> str:
-    """What a file's class is called: `my_robot` has `MyRobot`."""
-    words = [w for w in stem.replace("-", "_").split("_") if w]
-    name = "".join(w[:1].upper() + w[1:] for w in words) or "Robot"
-    return name if name.isidentifier() else f"System{name}"
+    """What a file's class is called: `my_robot` has `MyRobot`, `3 arms.v2` has `System3ArmsV2`."""
+    allowed = (c if f"a{c}".isidentifier() and c != "_" else " " for c in stem)
+    name = "".join(w[:1].upper() + w[1:] for w in "".join(allowed).split()) or "Robot"
+    return name if name.isidentifier() and not keyword.iskeyword(name) else f"System{name}"
