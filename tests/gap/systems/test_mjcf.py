@@ -122,6 +122,7 @@ def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
         return {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": unit}
 
     told = {
+        "verdict": "named",
         "constants": {
             "elbow_kp": size(16.0),
             "lower_mass_kg": size(0.35),
@@ -184,7 +185,9 @@ def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
         (_ALL_BUT_SENSORS.replace('axis="0 1 0"', 'type="ball"', 1),
          "joint 'shoulder' is free or a ball"),
         (ARM.replace('name="elbow" axis', "axis").replace('joint="elbow"', 'joint="shoulder"'),
-         "a joint has no name"),
+         'a joint has no name (number 2 of the model), and logs refer to it by name; add name="'),
+        (ARM.replace('<position name="elbow"', "<position"),
+         "an actuator has no name (number 2 of the model)"),
         (ARM.replace("{elbow}", 'delay="0.02" nsample="30"'), "actuator 'elbow' has a delay"),
         (ARM.replace("{elbow}", 'nsample="30"'), "keeps more from step to step than positions"),
         (ARM.replace('joint="shoulder"/><', 'joint="shoulder" nsample="4"/><'),

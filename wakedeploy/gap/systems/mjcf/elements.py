@@ -56,7 +56,13 @@ class Joint:
 
 @dataclass(frozen=True)
 class Actuator:
-    """An actuator with one command; `act` is the place of its own state, −1 where it has none."""
+    """An actuator with one command; `act` is the place of its own state, −1 where it has none.
+
+    `follows` is what its command asks for, "" where that has no unit of its own; it `integrates` or
+    `filters` its command into its state. With `has_fixed_gain` its force is in proportion to them.
+    `has_bias` says that an affine bias is beside that, `is_affine` that there is none of another
+    kind.
+    """
 
     name: str
     word: str
@@ -64,6 +70,12 @@ class Actuator:
     act: int
     kind: str  # "position", "velocity", "motor" or "general"
     joint: str  # the joint on which it acts, "" for another transmission
+    follows: str  # "position", "velocity", "pressure", "voltage", "force" or ""
+    integrates: bool
+    filters: bool
+    has_fixed_gain: bool
+    has_bias: bool
+    is_affine: bool
 
     @property
     def command(self) -> str:
@@ -102,6 +114,7 @@ class Elements:
     actuators: tuple[Actuator, ...]
     attributes: dict[str, Attribute]
     sensed: frozenset[str]  # states that sensors show
+    coupled: tuple[tuple[str, ...], ...]  # joints that an equality holds to each other, or alone
 
 
 def mujoco(path: Path) -> Any:
@@ -129,6 +142,7 @@ def read_elements(path: Path) -> Elements:
         path, model, joints, actuators,
         dict(_attributes(path, model, joints, actuators)),
         _sensed(library, model, joints),
+        _coupled(library, model),
     )  # fmt: skip
 
 
@@ -160,11 +174,15 @@ def _silent(library: Any) -> Iterator[None]:
         library.set_mju_user_warning(before)
 
 
-def word(path: Path, name: str, what: str) -> str:
+def word(path: Path, name: str, what: str, number: int) -> str:
     """An element's name as part of a Python name; UnusableInput for an element without one."""
     identifier = re.sub(r"\W+", "_", name).strip("_").lower()
     if not identifier:
-        raise UnusableInput(f"{path}: a {what} has no name; give it one, as logs refer to it.")
+        article = "an" if what[0] in "aeiou" else "a"
+        raise UnusableInput(
+            f"{path}: {article} {what} has no name (number {number + 1} of the model), and logs "
+            'refer to it by name; add name="..." to its element.'
+        )
     identifier = identifier if identifier[0].isalpha() else f"{what}_{identifier}"
     if not identifier.isidentifier():  # as with ²
         raise UnusableInput(f"{path}: {what} {name!r}: give it a name of letters and digits.")
@@ -209,7 +227,7 @@ def _joints(library: Any, path: Path, model: Any) -> tuple[Joint, ...]:
         turns = int(model.jnt_type[i]) == int(library.mjtJoint.mjJNT_HINGE)
         dof = int(model.jnt_dofadr[i])
         place = int(model.jnt_qposadr[i])
-        found.append(Joint(name, word(path, name, "joint"), turns, place, dof, inertias[dof]))
+        found.append(Joint(name, word(path, name, "joint", i), turns, place, dof, inertias[dof]))
     _require_distinct(path, [joint.word for joint in found])
     return tuple(found)
 
@@ -240,7 +258,18 @@ def _actuators(library: Any, path: Path, model: Any) -> tuple[Actuator, ...]:
             int(model.actuator_trntype[i]) in joint) else ""  # fmt: skip
         act = int(model.actuator_actadr[i]) if model.actuator_actnum[i] else -1
         kind = _kind(library, model, i)
-        found.append(Actuator(name, word(path, name, "actuator"), i, act, kind, at))
+        dynamics = int(model.actuator_dyntype[i])
+        gain, bias = int(model.actuator_gaintype[i]), int(model.actuator_biastype[i])
+        none, affine = int(library.mjtBias.mjBIAS_NONE), int(library.mjtBias.mjBIAS_AFFINE)
+        found.append(Actuator(
+            name, word(path, name, "actuator", i), i, act, kind, at,
+            follows=_followed(library, model, i, kind),
+            integrates=dynamics == int(library.mjtDyn.mjDYN_INTEGRATOR),
+            filters=dynamics in _filters(library),
+            has_fixed_gain=gain == int(library.mjtGain.mjGAIN_FIXED),
+            has_bias=bias == affine,
+            is_affine=bias in (none, affine),
+        ))  # fmt: skip
     _require_distinct(path, [actuator.word for actuator in found])
     return tuple(found)
 
@@ -255,10 +284,41 @@ def _kind(library: Any, model: Any, i: int) -> str:
         return "motor"
     if bias_type != int(library.mjtBias.mjBIAS_AFFINE) or any(bias[_SERVO:]):
         return "general"
+    if not any(bias[1:_SERVO]):  # a constant force beside a motor's
+        return "motor"
     if gain[0] > 0.0 and math.isclose(bias[1], -gain[0]):
         return "position"
     is_velocity = gain[0] > 0.0 and math.isclose(bias[2], -gain[0]) and bias[1] == 0.0
     return "velocity" if is_velocity else "general"
+
+
+def _followed(library: Any, model: Any, i: int, kind: str) -> str:
+    """What a command asks for: as MuJoCo declares it, else as the force depends on it.
+
+    What an integrator makes of a velocity is the position of a servo.
+    """
+    inputs = library.mjtCtrlInput
+    declared = {
+        int(inputs.mjINPUT_POS): "position",
+        int(inputs.mjINPUT_VEL): "velocity",
+        int(inputs.mjINPUT_PRESSURE): "pressure",
+        int(inputs.mjINPUT_VOLTAGE): "voltage",
+    }.get(int(model.actuator_ctrlspec[i]))
+    if declared is not None:
+        return declared
+    integrates = int(model.actuator_dyntype[i]) == int(library.mjtDyn.mjDYN_INTEGRATOR)
+    if kind == "position":
+        return "velocity" if integrates else "position"
+    if integrates or kind == "general":
+        return ""
+    if kind == "velocity":
+        return "velocity"
+    is_direct = model.actuator_gainprm[i, 0] == 1.0 and model.actuator_gear[i, 0] == 1.0
+    return "force" if is_direct else ""
+
+
+def _filters(library: Any) -> tuple[int, int]:
+    return int(library.mjtDyn.mjDYN_FILTER), int(library.mjtDyn.mjDYN_FILTEREXACT)
 
 
 def _require_distinct(path: Path, words: list[str]) -> None:
@@ -279,7 +339,7 @@ def _attributes(
 
 
 def _of_joint(model: Any, joint: Joint) -> Iterator[tuple[str, Attribute]]:
-    """Damping, dry friction and armature, where the file has them: what is 0 may be missing."""
+    """Damping, dry friction, armature and spring, where the file has them: 0 may be missing."""
     torque, speed = ("N m", "rad/s") if joint.turns else ("N", "m/s")
     inertia = "kg m²" if joint.turns else "kg"
     stated = {
@@ -295,12 +355,20 @@ def _of_joint(model: Any, joint: Joint) -> Iterator[tuple[str, Attribute]]:
                 f"{joint.word}_{attribute}",
                 Attribute("joint", joint.name, attribute, value, spread, unit, setter),
             )
+    at = int(model.dof_jntid[joint.dof])
+    stiffness, unit = float(model.jnt_stiffness[at]), "N m/rad" if joint.turns else "N/m"
+    if stiffness > 0.0:
+        setter = functools.partial(_set, "jnt_stiffness", (at,))
+        yield (
+            f"{joint.word}_stiffness",
+            Attribute("joint", joint.name, "stiffness", stiffness, 0.2, unit, setter),
+        )
 
 
 def _of_actuator(
     model: Any, actuator: Actuator, turns: bool | None
 ) -> Iterator[tuple[str, Attribute]]:
-    """Gains: kp and kv of servos, the gear of everything else."""
+    """Gains: kp and kv of servos, the gear of everything else; the time constant of a filter."""
     units = {True: ("N m/rad", "N m/(rad/s)"), False: ("N/m", "N/(m/s)"), None: ("1", "1")}[turns]
     i = actuator.index
     gain, bias = model.actuator_gainprm[i], model.actuator_biasprm[i]
@@ -320,6 +388,13 @@ def _of_actuator(
             f"{actuator.word}_gear",
             Attribute("actuator", actuator.name, "gear", gear, 0.1, "1", setter),
         )
+    timeconst_s = float(model.actuator_dynprm[i, 0])
+    if actuator.filters and timeconst_s > 0.0:
+        setter = functools.partial(_set, "actuator_dynprm", (i, 0))
+        yield (
+            f"{actuator.word}_timeconst_s",
+            Attribute("actuator", actuator.name, "dynprm[0]", timeconst_s, 0.2, "s", setter),
+        )
 
 
 def _masses(path: Path, model: Any) -> Iterator[tuple[str, Attribute]]:
@@ -329,7 +404,7 @@ def _masses(path: Path, model: Any) -> Iterator[tuple[str, Attribute]]:
         if mass <= 0.0 or not name or not model.body_weldid[i]:
             continue
         setter = functools.partial(_set_mass, i)
-        constant = f"{word(path, name, 'body')}_mass_kg"
+        constant = f"{word(path, name, 'body', i)}_mass_kg"
         yield constant, Attribute("body", name, "mass", mass, 0.05, "kg", setter)
 
 
@@ -364,3 +439,14 @@ def _sensed(library: Any, model: Any, joints: tuple[Joint, ...]) -> frozenset[st
             elif kind == int(library.mjtSensor.mjSENS_JOINTVEL):
                 shown.add(joint.speed)
     return frozenset(shown)
+
+
+def _coupled(library: Any, model: Any) -> tuple[tuple[str, ...], ...]:
+    """The joints of each active equality of joints: two, or one that is held alone."""
+    found = []
+    for i in range(model.neq):
+        is_of_joints = int(model.eq_type[i]) == int(library.mjtEq.mjEQ_JOINT)
+        if is_of_joints and model.eq_active0[i]:
+            ids = (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
+            found.append(tuple(model.joint(at).name for at in ids if at >= 0))
+    return tuple(found)

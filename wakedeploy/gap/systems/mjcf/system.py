@@ -76,10 +76,13 @@ class MjcfSystem(System):
         return first | {name: rates[..., len(joints) + i] for i, name in enumerate(later)}
 
     def export(self, answer: Mapping[str, Any], out: Path) -> list[str]:
-        """An answer as a corrected MJCF with ranges, in a folder; sentences about what is there."""
+        """An answer as a corrected MJCF with ranges, in a folder; sentences about what is there.
+
+        `answer` is the content of `name.json`, as `json.loads` reads it.
+        """
         from wakedeploy.gap.systems.mjcf.corrected import write_corrected
 
-        return write_corrected(self._elements, answer, out)
+        return write_corrected(self._elements, {c.name: c for c in self.constants}, answer, out)
 
     def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
         """Rates (N, n) of states (N, n) under commands and forces (N, m) and constants (N, k)."""

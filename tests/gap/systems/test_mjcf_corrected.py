@@ -1,0 +1,306 @@
+"""A corrected MJCF, held against MuJoCo with the effect applied from outside at every step."""
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from wakedeploy.gap.systems.files import read_system
+from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
+from wakedeploy.gap.systems.mjcf.system import MjcfSystem
+from wakedeploy.gap.systems.mjcf.template import mjcf_template
+
+RIG = """
+<mujoco model="rig">
+  <compiler angle="degree"/>
+  <option timestep="0.0005" gravity="0 0 -9.81"/>
+  <worldbody>
+    <body name="cart">
+      <joint name="rail" type="slide" axis="1 0 0" damping="2" {rail}/>
+      <geom type="box" size="0.1 0.1 0.1" mass="2"/>
+      <body name="arm" pos="0 0 0.1">
+        <joint name="wrist" axis="0 1 0" damping="0.1" {wrist}/>
+        <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.3"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>{actuators}</actuator>
+</mujoco>
+"""
+GEARED = '<motor name="drive" joint="rail" gear="-40" {more}/>'
+SERVO = '<position name="drive" joint="rail" kp="50" kv="3" {more}/>'
+SPEED = '<velocity name="drive" joint="rail" kv="8" {more}/>'
+LOOSE = (
+    '<general name="drive" joint="rail" gainprm="4" biastype="affine" biasprm="0.7 -20 -1" {more}/>'
+)
+UNUSED = '<general name="drive" joint="rail" gainprm="4" biasprm="9 9 9" gear="2" {more}/>'
+SLOW = '<position name="drive" joint="rail" kp="50" timeconst="0.02" {more}/>'
+DAMPER = '<damper name="drive" joint="rail" kv="3" ctrlrange="0 2" {more}/>'
+TILTED_N = -1.02
+
+
+def written(folder: Path, actuators: str, rail: str = "", wrist: str = "") -> MjcfSystem:
+    """A model, and the system that `gap init` makes of it."""
+    text = RIG.format(rail=rail, wrist=wrist, actuators=actuators.replace("{more}", ""))
+    (folder / "rig.xml").write_text(text)
+    target = folder / "my_rig.py"
+    target.write_text(mjcf_template(folder / "rig.xml", target))
+    system = read_system(target)
+    assert isinstance(system, MjcfSystem)
+    (folder / "out").mkdir(exist_ok=True)
+    return system
+
+
+def size(value: float, unit: str = "1", half: float | None = None) -> dict[str, Any]:
+    half = 0.1 * abs(value) if half is None else half
+    return {"value": value, "low": value - half, "high": value + half, "unit": unit}
+
+
+def answered(*effects: tuple[str, dict[str, Any]], verdict: str = "named", **constants: Any) -> Any:
+    """What name.json has of it."""
+    found = [{"name": name, "parameters": parameters} for name, parameters in effects]
+    return {"verdict": verdict, "effects": found, "constants": constants}
+
+
+@dataclass
+class Outside:
+    """What acts on the model as it was: a force on the rail, and what becomes of a command."""
+
+    force_n: Callable[[float, float], float] = lambda x, v: 0.0
+    command: Callable[[float], float] = lambda u: u
+
+
+def replayed(path: Path, acting: Outside | None = None, act: float = 0.0) -> np.ndarray:
+    """Positions along half a second of commands, by MuJoCo alone."""
+    acting = acting or Outside()
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, rail = mujoco.MjData(model), model.joint("rail").id
+    data.qpos[rail], data.qvel[rail], data.act[:] = 0.2, -0.3, act
+    shown = []
+    for k in range(1000):
+        data.ctrl[:] = acting.command(0.6 * np.sin(0.01 * k) + 0.2)
+        data.qfrc_applied[rail] = acting.force_n(data.qpos[rail], data.qvel[rail])
+        mujoco.mj_step(model, data)
+        shown.append(data.qpos.copy())
+    return np.array(shown)
+
+
+def assert_same(folder: Path, acting: Outside, within: float = 1e-3, **begun: float) -> None:
+    """The corrected model moves as the old one does under what acts, which is not as it was."""
+    truth = replayed(folder / "rig.xml", acting, **begun)
+    before = np.abs(replayed(folder / "rig.xml", **begun) - truth).max()
+    assert before > 1e-3
+    assert np.abs(replayed(folder / "out" / CORRECTED) - truth).max() < within * before
+
+
+@pytest.mark.parametrize(
+    "actuators",
+    [
+        GEARED, SERVO, SPEED, LOOSE, UNUSED, SLOW, DAMPER,
+        GEARED.replace("{more}", 'forcerange="-0.1 0.1"'),
+        SERVO.replace("{more}", 'forcerange="-5 5"'),
+        '<muscle name="flesh" joint="rail" lengthrange="-1 1"/>' + GEARED,
+    ],
+)  # fmt: skip
+def test_a_constant_force_is_the_bias_of_an_actuator(tmp_path: Path, actuators: str) -> None:
+    system = written(tmp_path, actuators)
+    told = answered(("offset@rail_mps", {"force": size(TILTED_N, "N")}))
+    said = system.export(told, tmp_path / "out")
+    assert said[1].startswith(
+        "  offset@rail_mps is biasprm[0] of actuator 'drive' in corrected.xml"
+    )
+    assert_same(tmp_path, Outside(force_n=lambda x, v: TILTED_N))
+
+
+def test_limits_of_all_actuators_of_a_joint_clip_as_before(tmp_path: Path) -> None:
+    system = written(tmp_path, SERVO, rail='actuatorfrcrange="-4 4"')
+    told = answered(("offset@rail_mps", {"force": size(TILTED_N, "N")}))
+    said = system.export(told, tmp_path / "out")
+    assert "with it moves its actuatorfrcrange" in said[1]
+    assert_same(tmp_path, Outside(force_n=lambda x, v: TILTED_N))
+
+
+def test_a_constant_force_goes_by_the_gear_that_was_fitted(tmp_path: Path) -> None:
+    system = written(tmp_path, GEARED.replace("{more}", 'ctrlrange="-1 1"'))
+    told = answered(
+        ("offset@rail_mps", {"force": size(TILTED_N, "N")}), drive_gear=size(-36.0, half=1.0)
+    )
+    system.export(told, tmp_path / "out")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED))
+    assert model.actuator("drive").biasprm[0] == pytest.approx(TILTED_N / -36.0, rel=1e-4)
+    rows = tomllib.loads((tmp_path / "out" / RANGES).read_text())["range"]
+    bias = next(row for row in rows if row["attribute"] == "biasprm[0]")
+    assert bias["low"] < bias["nominal"] < bias["high"]
+    assert bias["unit"] == "N"
+
+
+@pytest.mark.parametrize(
+    ("actuators", "because"),
+    [
+        ('<motor name="drive" joint="wrist"/>', "as no actuator drives joint 'rail'"),
+        ('<muscle name="drive" joint="rail" lengthrange="-1 1"/>', "has a bias to carry it"),
+    ],
+)
+def test_a_constant_force_that_no_actuator_can_carry_is_said(
+    tmp_path: Path, actuators: str, because: str
+) -> None:
+    system = written(tmp_path, actuators)
+    told = answered(("offset@rail_mps", {"force": size(TILTED_N, "N")}))
+    (sentence,) = system.export(told, tmp_path / "out")[1:]
+    assert because in sentence
+    assert "corrected.xml is without it" in sentence
+
+
+@pytest.mark.parametrize(
+    "actuators",
+    [*(a.replace("{more}", more) for a in (GEARED, SERVO, SPEED, LOOSE, UNUSED)
+       for more in ("", 'ctrlrange="-0.3 0.5"')),
+     SERVO.replace("{more}", 'inheritrange="1"')],
+)  # fmt: skip
+@pytest.mark.parametrize("order", [("bias", "gain"), ("gain", "bias"), ("bias",), ("gain",)])
+def test_a_command_that_is_moved_or_scaled_is_so_in_the_actuator(
+    tmp_path: Path, actuators: str, order: tuple[str, ...]
+) -> None:
+    by, error = -0.07, 0.2
+    steps = {"bias": lambda u: u + by, "gain": lambda u: (1.0 + error) * u}
+
+    def command(u: float) -> float:
+        for kind in order:
+            u = steps[kind](u)
+        return u
+
+    system = written(tmp_path, actuators, rail='range="-2 2"')
+    parameters = {"bias": {"bias": size(by)}, "gain": {"error": size(error)}}
+    told = answered(*((f"{kind}@drive_command", parameters[kind]) for kind in order))
+    said = system.export(told, tmp_path / "out")
+    assert len(said) == 1 + len(order)
+    assert_same(tmp_path, Outside(command=command))
+
+
+def test_a_moved_command_of_a_filter_lasts(tmp_path: Path) -> None:
+    system = written(tmp_path, SLOW)
+    system.export(answered(("bias@drive_command", {"bias": size(0.1)})), tmp_path / "out")
+    assert_same(tmp_path, Outside(command=lambda u: u + 0.1), act=0.1)
+
+
+def test_a_servo_s_bias_goes_by_the_gain_that_was_fitted(tmp_path: Path) -> None:
+    system = written(tmp_path, SERVO)
+    told = answered(("bias@drive_command", {"bias": size(0.1)}), drive_kp=size(60.0, "N/m"))
+    system.export(told, tmp_path / "out")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED))
+    assert list(model.actuator("drive").biasprm[:3]) == pytest.approx([6.0, -60.0, -3.0])
+
+
+@pytest.mark.parametrize(
+    ("effect", "because"),
+    [
+        ("bias@drive_command", "integrates its command"),
+        ("saturation@drive_command", "set it by hand"),
+        ("backlash@drive_command", "MJCF has no attribute for backlash@drive_command; "),
+        ("sensor-bias@rail_m", "MJCF has no attribute for sensor-bias@rail_m; "),
+    ],
+)
+def test_what_has_no_exact_counterpart_is_said(tmp_path: Path, effect: str, because: str) -> None:
+    system = written(tmp_path, '<intvelocity name="drive" joint="rail" kp="9" actrange="-1 1"/>')
+    parameters = {name: size(0.1) for name in ("bias", "cut", "width")}
+    (sentence,) = system.export(answered((effect, parameters)), tmp_path / "out")[1:]
+    assert because in sentence
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameter", "value", "force_n"),
+    [
+        ("viscous-friction", "coefficient", 3.0, lambda x, v: -3.0 * v),
+        ("quadratic-drag", "coefficient", 9.0, lambda x, v: -9.0 * v * abs(v)),
+        ("stiffness", "stiffness", 12.0, lambda x, v: -12.0 * x),
+        ("square-stiffness", "coefficient", 20.0, lambda x, v: -20.0 * x**2),
+        ("cubic-stiffness", "coefficient", 90.0, lambda x, v: -90.0 * x**3),
+    ],
+)
+@pytest.mark.parametrize("rail", ["", 'springref="0.3"', 'stiffness="5"'])
+def test_a_force_of_motion_or_place_is_the_joint_s(
+    tmp_path: Path,
+    kind: str,
+    parameter: str,
+    value: float,
+    force_n: Callable[[float, float], float],
+    rail: str,
+) -> None:
+    system = written(tmp_path, GEARED, rail=rail)
+    told = answered((f"{kind}@rail_mps", {parameter: size(value)}))
+    assert len(system.export(told, tmp_path / "out")) == 1
+    assert_same(tmp_path, Outside(force_n=force_n), within=0.02)  # MuJoCo's damping is implicit
+
+
+def test_a_spring_beside_one_that_rests_elsewhere_moves_where_both_rest(tmp_path: Path) -> None:
+    system = written(tmp_path, GEARED, rail='stiffness="5" springref="0.3"')
+    told = answered(("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}))
+    system.export(told, tmp_path / "out")
+    assert_same(tmp_path, Outside(force_n=lambda x, v: -12.0 * x), within=0.02)
+    told = answered(("cubic-stiffness@rail_mps", {"coefficient": size(12.0)}))
+    (sentence,) = system.export(told, tmp_path / "out")[1:]
+    assert "as the joint's own spring does not rest at 0" in sentence
+
+
+def test_where_a_hinge_s_spring_rests_is_in_the_unit_of_the_file(tmp_path: Path) -> None:
+    system = written(tmp_path, GEARED, wrist='stiffness="3" springref="30"')
+    told = answered(("stiffness@wrist_radps", {"stiffness": size(1.0, "N m/rad")}))
+    system.export(told, tmp_path / "out")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED))
+    assert model.qpos_spring[1] == pytest.approx(0.75 * np.deg2rad(30.0), rel=1e-4)
+    assert model.jnt_stiffness[1] == pytest.approx(4.0)
+
+
+def rows_of(folder: Path) -> dict[str, dict[str, Any]]:
+    rows = tomllib.loads((folder / "out" / RANGES).read_text())["range"]
+    return {f"{row['name']} {row['attribute']}": row for row in rows}
+
+
+def test_what_the_system_states_as_exact_is_written(tmp_path: Path) -> None:
+    target = tmp_path / "my_rig.py"
+    written(tmp_path, SERVO)
+    target.write_text(target.read_text().replace("50, spread=10", "60, spread=0"))
+    system = read_system(target)
+    told = answered(("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}))
+    system.export(told, tmp_path / "out")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED))
+    assert model.actuator("drive").gainprm[0] == 60.0
+    assert list(rows_of(tmp_path)) == ["drive kp", "rail stiffness"]
+
+
+def test_springs_and_filters_of_the_model_are_constants(tmp_path: Path) -> None:
+    """What the system computes with other values is MuJoCo's model with other values."""
+    system = written(tmp_path, SLOW, rail='stiffness="5" springref="0.3"')
+    stated = {c.name: (c.value, c.spread, c.unit) for c in system.constants}
+    assert stated["rail_stiffness"] == (5.0, 1.0, "N/m")
+    assert stated["drive_timeconst_s"][:2] == (0.02, 0.004)
+    told = system.derivative(
+        system.point("state", {**dict.fromkeys(system.states, 0.1), "drive_activation": 0.0}),
+        system.point("input", {"drive_command": 0.5}),
+        system.values({"rail_stiffness": 8.0, "drive_timeconst_s": 0.05}),
+    )
+    text = (tmp_path / "rig.xml").read_text()
+    text = text.replace('stiffness="5"', 'stiffness="8"').replace('nst="0.02"', 'nst="0.05"')
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = 0.1, 0.1, 0.5
+    mujoco.mj_forward(model, data)
+    assert [told["rail_mps"], told["wrist_radps"]] == pytest.approx(list(data.qacc), rel=1e-6)
+    assert told["drive_activation"] == pytest.approx(data.act_dot[0])
+    (tmp_path / "out").mkdir(exist_ok=True)
+    system.export(
+        answered(
+            ("viscous-friction@rail_mps", {"coefficient": size(1.0)}),
+            rail_stiffness=size(8.0),
+            drive_timeconst_s=size(0.05, "s"),
+        ),
+        tmp_path / "out",
+    )
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED))
+    assert (model.jnt_stiffness[0], model.qpos_spring[0]) == pytest.approx((8.0, 0.3))
+    assert model.actuator("drive").dynprm[0] == pytest.approx(0.05)

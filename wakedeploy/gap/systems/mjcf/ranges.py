@@ -1,0 +1,133 @@
+"""What an answer says of an MJCF file's numbers: a value and an interval for each.
+
+In: the elements of a file, the constants as its system states them and as they were fitted. Out:
+ranges to write and to draw from, numbers that follow from them, and sentences.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from wakedeploy.gap.systems.mjcf.elements import Attribute, Elements
+from wakedeploy.gap.systems.system import Constant
+
+CORRECTED, RANGES = "corrected.xml", "ranges.toml"
+_AS_WRITTEN = 1e-5  # share by which a template's six digits differ from the file
+
+Told = Mapping[str, Any]
+Key = tuple[str, str, str]
+
+
+@dataclass(frozen=True)
+class Range:
+    """A number of the file: its value by the logs, and the interval in which it may lie.
+
+    `attribute` is its name in MJCF, with a place where it is one of several: `biasprm[0]`.
+    """
+
+    element: str
+    name: str
+    attribute: str
+    nominal: float
+    low: float
+    high: float
+    unit: str
+
+    @property
+    def key(self) -> Key:
+        """Its place in the file."""
+        return self.element, self.name, self.attribute
+
+    def plus(self, size: Told, factor: float = 1.0) -> "Range":
+        """The same with a found value on top, its interval with it."""
+        low, high = sorted(factor * float(size[k]) for k in ("low", "high"))
+        nominal = self.nominal + factor * float(size["value"])
+        return replace(self, nominal=nominal, low=self.low + low, high=self.high + high)
+
+    def times(self, size: Told) -> "Range":
+        """The same times a found factor, its interval with it."""
+        ends = [end * float(size[k]) for end in (self.low, self.high) for k in ("low", "high")]
+        nominal = self.nominal * float(size["value"])
+        return replace(self, nominal=nominal, low=min(ends), high=max(ends))
+
+    def row(self) -> dict[str, Any]:
+        """As the file of ranges has it."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
+@dataclass(frozen=True)
+class Following:
+    """Numbers that follow from a range and are not drawn: limits that move, a spring's rest."""
+
+    element: str
+    name: str
+    attribute: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect that was named, `kind@port`, and its parameters with their intervals."""
+
+    name: str
+    parameters: Told
+
+    @property
+    def kind(self) -> str:
+        """What it is."""
+        return self.name.partition("@")[0]
+
+    @property
+    def port(self) -> str:
+        """Where it acts."""
+        return self.name.partition("@")[2]
+
+
+@dataclass
+class Fitted:
+    """What is written: `ranges` and `following` by their place, and sentences about the rest."""
+
+    elements: Elements
+    ranges: dict[Key, Range] = field(default_factory=dict)
+    following: dict[Key, Following] = field(default_factory=dict)
+    said: list[str] = field(default_factory=list)
+    commands: dict[str, tuple[Range, Range]] = field(default_factory=dict)  # factor and sum of each
+
+    def value(self, element: str, name: str, attribute: str, otherwise: float) -> float:
+        """A number as it will be written, `otherwise` where it stays."""
+        found = self.ranges.get((element, name, attribute))
+        return otherwise if found is None else found.nominal
+
+    def add(self, start: Range, size: Told, factor: float = 1.0) -> None:
+        """A found value on top of what is there, which `start` is at first."""
+        self.ranges[start.key] = self.ranges.get(start.key, start).plus(size, factor)
+
+    def follow(self, element: str, name: str, attribute: str, *values: float) -> None:
+        """A number that follows."""
+        self.following[element, name, attribute] = Following(element, name, attribute, values)
+
+
+def add_constants(written: Fitted, constants: Mapping[str, Constant], told: Told) -> None:
+    """As fitted, or as stated where that is exact and not what the file has."""
+    for name, attribute in written.elements.attributes.items():
+        constant = constants.get(name)
+        if name in told:
+            one = _plain(attribute, told[name]["unit"]).plus(told[name])
+            written.ranges[one.key] = one
+        elif constant is not None and not _is_as_written(constant, attribute):
+            one, value = _plain(attribute, attribute.unit), constant.value
+            written.ranges[one.key] = replace(one, nominal=value, low=value, high=value)
+
+
+def _is_as_written(constant: Constant, attribute: Attribute) -> bool:
+    return math.isclose(constant.value, attribute.value, rel_tol=_AS_WRITTEN)
+
+
+def _plain(of: Attribute, unit: str) -> Range:
+    return as_is(of.element, of.of, of.attribute, 0.0, unit)
+
+
+def as_is(element: str, name: str, attribute: str, value: float, unit: str) -> Range:
+    """A number that has no interval yet."""
+    return Range(element, name, attribute, value, value, value, unit)
