@@ -256,6 +256,20 @@ def test_where_a_hinge_s_spring_rests_is_in_the_unit_of_the_file(tmp_path: Path)
     assert model.jnt_stiffness[1] == pytest.approx(4.0)
 
 
+@pytest.mark.parametrize("verdict", ["none", "unknown"])
+def test_a_model_that_lacks_nothing_known_stays_as_it_is(tmp_path: Path, verdict: str) -> None:
+    """Constants that were refitted alone follow the logs' noise; an earlier answer's are no use."""
+    system = written(tmp_path, GEARED)
+    told = answered(("offset@rail_mps", {"force": size(TILTED_N, "N")}))
+    system.export(told, tmp_path / "out")
+    told = answered(verdict=verdict, drive_gear=size(-44.0))
+    (sentence,) = system.export(told, tmp_path / "out")
+    assert "rig.xml stays as it is" in sentence
+    assert "those of an earlier answer are removed" in sentence
+    assert list((tmp_path / "out").iterdir()) == []
+    assert "earlier" not in system.export(told, tmp_path / "out")[0]
+
+
 def rows_of(folder: Path) -> dict[str, dict[str, Any]]:
     rows = tomllib.loads((folder / "out" / RANGES).read_text())["range"]
     return {f"{row['name']} {row['attribute']}": row for row in rows}

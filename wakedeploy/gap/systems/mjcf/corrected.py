@@ -1,7 +1,8 @@
 """An answer as a corrected MJCF, and as ranges from which to randomise.
 
 In: an MJCF file and what `gap name` found in a system of it. Out: `corrected.xml`, with effects and
-constants as the logs have them, and `ranges.toml` with the value and the interval of each.
+constants as the logs have them, and `ranges.toml` with the value and the interval of each. Where
+nothing is named both are absent: constants alone are fitted to the logs' noise, too.
 """
 
 import math
@@ -39,6 +40,8 @@ def write_corrected(
     `constants` are those that the system states, by name. `answer` is what `name.json` has: a
     verdict, effects and constants with `value`, `low`, `high` and `unit`.
     """
+    if answer["verdict"] in ("none", "unknown"):
+        return [_left_alone(elements, answer, out)]
     written = fitted(elements, constants, answer)
     write_text_whole(out / CORRECTED, _corrected(written, out))
     rows = [one.row() for one in written.ranges.values()]
@@ -55,6 +58,23 @@ def fitted(elements: Elements, constants: Mapping[str, Constant], answer: Told) 
         add_effect(written, Found(effect["name"], effect["parameters"]))
     add_commands(written)
     return written
+
+
+def _left_alone(elements: Elements, answer: Told, out: Path) -> str:
+    """Neither file, nor those of an earlier answer, which would pass for this one's."""
+    earlier = [out / name for name in (CORRECTED, RANGES) if (out / name).exists()]
+    for path in earlier:
+        path.unlink()
+    why = (
+        "nothing that matters is missing"
+        if answer["verdict"] == "none"
+        else "what is missing is unknown"
+    )
+    gone = "; those of an earlier answer are removed" if earlier else ""
+    return (
+        f"MJCF: {elements.path.name} stays as it is, as {why}: no {CORRECTED} and no {RANGES} with "
+        f"refitted constants alone{gone}."
+    )
 
 
 def _corrected(written: Fitted, out: Path) -> str:
