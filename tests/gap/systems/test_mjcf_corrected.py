@@ -275,6 +275,37 @@ def rows_of(folder: Path) -> dict[str, dict[str, Any]]:
     return {f"{row['name']} {row['attribute']}": row for row in rows}
 
 
+def test_a_range_reaches_to_a_stated_value_that_logs_do_not_rule_out(tmp_path: Path) -> None:
+    """Two standard errors away is within what chance does to one constant in a dozen."""
+    system = written(tmp_path, SERVO)
+    told = answered(
+        ("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}),
+        drive_kp=size(46.0, "N/m", half=3.0),
+        drive_kv=size(2.0, "N/(m/s)", half=0.1),
+        cart_mass_kg=size(2.01, "kg", half=0.1),
+    )
+    said = system.export(told, tmp_path / "out")
+    rows = rows_of(tmp_path)
+    kp, kv, mass = rows["drive kp"], rows["drive kv"], rows["cart mass"]
+    assert (kp["nominal"], kp["low"], kp["high"], kp["stated"]) == (46.0, 43.0, 50.0, 50.0)
+    assert (kv["low"], kv["high"], kv["stated"]) == pytest.approx((1.9, 2.1, 3.0))
+    assert (mass["low"], mass["high"]) == pytest.approx((1.91, 2.11))
+    assert "stated" not in rows["rail stiffness"]
+    assert any("reaches to the stated value of drive_kp:" in line for line in said)
+    assert any("drive_kv is stated as 3 ± 0.6 N/(m/s), and the logs rule" in line for line in said)
+
+
+def test_a_value_that_nobody_measured_widens_no_range(tmp_path: Path) -> None:
+    target = tmp_path / "my_rig.py"
+    written(tmp_path, SERVO)
+    target.write_text(target.read_text().replace("50, spread=10", '50, spread=float("inf")'))
+    system = read_system(target)
+    told = answered(("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}),
+                    drive_kp=size(46.0, "N/m", half=3.0))  # fmt: skip
+    system.export(told, tmp_path / "out")
+    assert rows_of(tmp_path)["drive kp"]["high"] == 49.0
+
+
 def test_what_the_system_states_as_exact_is_written(tmp_path: Path) -> None:
     target = tmp_path / "my_rig.py"
     written(tmp_path, SERVO)

@@ -1,7 +1,8 @@
 """What an answer says of an MJCF file's numbers: a value and an interval for each.
 
 In: the elements of a file, the constants as its system states them and as they were fitted. Out:
-ranges to write and to draw from, numbers that follow from them, and sentences.
+ranges to write and to draw from, numbers that follow from them, and sentences. A range holds the
+stated value where the logs do not rule that out.
 """
 
 import math
@@ -11,9 +12,12 @@ from typing import Any
 
 from wakedeploy.gap.systems.mjcf.elements import Attribute, Elements
 from wakedeploy.gap.systems.system import Constant
+from wakedeploy.gap.wording import listed
 
 CORRECTED, RANGES = "corrected.xml", "ranges.toml"
+_RULED_OUT = 3.0  # standard errors between a stated value and the logs'
 _AS_WRITTEN = 1e-5  # share by which a template's six digits differ from the file
+_IN_HALF = 1.645  # standard errors in half an interval of 90 %
 
 Told = Mapping[str, Any]
 Key = tuple[str, str, str]
@@ -23,7 +27,8 @@ Key = tuple[str, str, str]
 class Range:
     """A number of the file: its value by the logs, and the interval in which it may lie.
 
-    `attribute` is its name in MJCF, with a place where it is one of several: `biasprm[0]`.
+    `attribute` is its name in MJCF, with a place where it is one of several: `biasprm[0]`. `stated`
+    is what the system's file says of it, of a number that was known before.
     """
 
     element: str
@@ -33,6 +38,7 @@ class Range:
     low: float
     high: float
     unit: str
+    stated: float | None = None
 
     @property
     def key(self) -> Key:
@@ -43,17 +49,20 @@ class Range:
         """The same with a found value on top, its interval with it."""
         low, high = sorted(factor * float(size[k]) for k in ("low", "high"))
         nominal = self.nominal + factor * float(size["value"])
-        return replace(self, nominal=nominal, low=self.low + low, high=self.high + high)
+        return replace(
+            self, nominal=nominal, low=self.low + low, high=self.high + high, stated=None
+        )
 
     def times(self, size: Told) -> "Range":
         """The same times a found factor, its interval with it."""
         ends = [end * float(size[k]) for end in (self.low, self.high) for k in ("low", "high")]
         nominal = self.nominal * float(size["value"])
-        return replace(self, nominal=nominal, low=min(ends), high=max(ends))
+        return replace(self, nominal=nominal, low=min(ends), high=max(ends), stated=None)
 
     def row(self) -> dict[str, Any]:
         """As the file of ranges has it."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+        row = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: value for name, value in row.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -110,18 +119,57 @@ class Fitted:
 
 def add_constants(written: Fitted, constants: Mapping[str, Constant], told: Told) -> None:
     """As fitted, or as stated where that is exact and not what the file has."""
+    doubted = []
     for name, attribute in written.elements.attributes.items():
         constant = constants.get(name)
         if name in told:
-            one = _plain(attribute, told[name]["unit"]).plus(told[name])
+            fit = _plain(attribute, told[name]["unit"]).plus(told[name])
+            one = fit if constant is None else _with_stated(fit, constant)
+            if constant is not None and not one.low <= _stated(one) <= one.high:
+                written.said.append(_contradicted(name, one, constant))
+            elif (one.low, one.high) != (fit.low, fit.high):
+                doubted.append(name)
             written.ranges[one.key] = one
         elif constant is not None and not _is_as_written(constant, attribute):
             one, value = _plain(attribute, attribute.unit), constant.value
             written.ranges[one.key] = replace(one, nominal=value, low=value, high=value)
+    if doubted:
+        written.said.append(
+            f"{RANGES} reaches to the stated value of {listed(doubted)}: the logs prefer another, "
+            "and do not rule it out."
+        )
 
 
 def _is_as_written(constant: Constant, attribute: Attribute) -> bool:
     return math.isclose(constant.value, attribute.value, rel_tol=_AS_WRITTEN)
+
+
+def _with_stated(fit: Range, constant: Constant) -> Range:
+    """With what was known before, in its interval where the logs do not rule that out."""
+    value = constant.value
+    if not 0.0 < constant.spread < math.inf:
+        return fit
+    one = replace(fit, stated=value)
+    if _is_ruled_out(fit, value):
+        return one
+    return replace(one, low=min(one.low, value), high=max(one.high, value))
+
+
+def _stated(one: Range) -> float:
+    return one.nominal if one.stated is None else one.stated
+
+
+def _is_ruled_out(one: Range, stated: float) -> bool:
+    half = one.high - one.nominal if stated > one.nominal else one.nominal - one.low
+    return abs(stated - one.nominal) > _RULED_OUT / _IN_HALF * half
+
+
+def _contradicted(name: str, one: Range, constant: Constant) -> str:
+    known = f"{constant.value:.4g} ± {constant.spread:.2g} {one.unit}"
+    return (
+        f"{name} is stated as {known}, and the logs rule that out: {RANGES} has {one.low:.4g} to "
+        f"{one.high:.4g}; look at the statement again."
+    )
 
 
 def _plain(of: Attribute, unit: str) -> Range:
