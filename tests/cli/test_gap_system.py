@@ -111,6 +111,20 @@ def test_what_is_no_python_file_is_refused_before_it_is_written(tmp_path, file):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_init_warns_of_joints_that_an_equality_holds(tmp_path):
+    pytest.importorskip("mujoco")
+    joints = "".join(
+        f'<body><joint name="{n}" axis="0 1 0"/><geom size="0.1"/></body>' for n in "ab"
+    )
+    (tmp_path / "arm.xml").write_text(
+        f"<mujoco><worldbody>{joints}</worldbody>"
+        '<equality><joint joint1="a" joint2="b"/></equality></mujoco>'
+    )
+    paths = [str(tmp_path / "arm.py"), "--mjcf", str(tmp_path / "arm.xml")]
+    told = CliRunner().invoke(command, ["init", *paths], catch_exceptions=False)
+    assert "joints a and b are held by an equality" in told.stderr
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -47,13 +47,16 @@ def init(path: Path, mjcf: Path | None) -> None:
         )
     if path.exists():
         raise UnusableInput(f"{path} is there already; give another name.")
+    notes: list[str] = []
     if mjcf is None:
         text = template(path.stem)
     else:
-        from wakedeploy.gap.systems.mjcf.template import mjcf_template
+        from wakedeploy.gap.systems.mjcf.template import coupling_notes, mjcf_template
 
-        text = mjcf_template(mjcf, path)
+        text, notes = mjcf_template(mjcf, path), coupling_notes(mjcf)
     write_text_whole(path, text)
+    for note in notes:
+        warn(f"{mjcf}: {note}.")
     named = shlex.quote(str(path))
     click.echo(
         f"Wrote {path}. Make it yours, then: wakedeploy gap check {named} --measured LOG\n"

@@ -16,7 +16,7 @@ from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.mjcf.corrected import CORRECTED, RANGES
 from wakedeploy.gap.systems.mjcf.elements import read_elements
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem
-from wakedeploy.gap.systems.mjcf.template import mjcf_template
+from wakedeploy.gap.systems.mjcf.template import coupling_notes, mjcf_template
 
 ARM = """
 <mujoco model="arm">
@@ -162,6 +162,108 @@ def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
             mujoco.mj_step(model, data)
         ends.append(data.qpos.copy())
     assert ends[0] == pytest.approx(ends[1], abs=1e-5)
+
+
+SLIDE_AND_HINGE = """
+<mujoco>
+  <worldbody>
+    <body name="cart">
+      <joint name="rail" type="slide" axis="1 0 0"/><geom size="0.1"/>
+      <body name="arm"><joint name="wrist" axis="0 1 0"/><geom size="0.1" pos="0.1 0 0"/></body>
+    </body>
+  </worldbody>
+  <tendon><fixed name="cord"><joint joint="rail" coef="1"/></fixed></tendon>
+  <actuator>{actuator}</actuator>
+  {more}
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("actuator", "of_slide", "of_hinge"),
+    [
+        ("<motor JOINT/>", "N", "N m"),
+        ('<motor JOINT gear="3"/>', "1", "1"),
+        ('<general JOINT gainprm="3"/>', "1", "1"),
+        ('<general JOINT dyntype="integrator"/>', "1", "1"),
+        ('<position JOINT kp="5" kv="1"/>', "m", "rad"),
+        ('<position JOINT kp="5" timeconst="0.1"/>', "m", "rad"),
+        ('<general JOINT gainprm="5" biastype="affine" biasprm="0 -5 0"/>', "m", "rad"),
+        ('<general JOINT gainprm="5" biastype="affine" biasprm="2 -5 0" dyntype="integrator"/>',
+         "m/s", "rad/s"),
+        ('<velocity JOINT kv="2"/>', "m/s", "rad/s"),
+        ('<intvelocity JOINT kp="7" actrange="-1 1"/>', "m/s", "rad/s"),
+        ('<damper JOINT kv="2" ctrlrange="0 1"/>', "1", "1"),  # of its damping
+        ('<cylinder JOINT area="2" timeconst="0.1"/>', "Pa", "Pa"),
+        ('<muscle JOINT lengthrange="-1 1"/>', "1", "1"),  # of its excitation
+        ('<dcmotor JOINT motorconst="0.05" resistance="1"/>', "V", "V"),
+        ('<general JOINT biastype="affine" biasprm="2 0 0"/>', "N", "N m"),
+    ],
+)  # fmt: skip
+def test_a_command_has_the_unit_of_what_it_asks_for(
+    tmp_path: Path, actuator: str, of_slide: str, of_hinge: str
+) -> None:
+    """As MuJoCo has it of each type of actuator."""
+    for joint, unit in (("rail", of_slide), ("wrist", of_hinge)):
+        path = tmp_path / f"{joint}.xml"
+        there = actuator.replace("JOINT", f'name="a" joint="{joint}"')
+        path.write_text(SLIDE_AND_HINGE.format(actuator=there, more=""))
+        text = mjcf_template(path, tmp_path / "my_arm.py")
+        assert f'Input("a_command", "{unit}"),' in text
+        (tmp_path / "my_arm.py").write_text(text)
+        read_system(tmp_path / "my_arm.py")
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    ['<adhesion name="a" body="cart" gain="3" ctrlrange="0 1"/>', '<motor name="a" tendon="cord"/>',
+     '<position name="a" tendon="cord" kp="3"/>'],
+)  # fmt: skip
+def test_what_acts_on_no_joint_has_a_command_without_unit(tmp_path: Path, actuator: str) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(SLIDE_AND_HINGE.format(actuator=actuator, more=""))
+    assert 'Input("a_command", "1"),' in mjcf_template(path, tmp_path / "my_arm.py")
+
+
+@pytest.mark.parametrize(
+    ("actuator", "unit"),
+    [
+        ('<position name="a" joint="wrist" kp="5" timeconst="0.1"/>', "rad"),
+        ('<intvelocity name="a" joint="rail" kp="7" actrange="-1 1"/>', "m"),
+        ('<muscle name="a" joint="rail" lengthrange="-1 1"/>', "1"),
+    ],
+)
+def test_an_activation_has_the_unit_of_what_it_holds(
+    tmp_path: Path, actuator: str, unit: str
+) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(SLIDE_AND_HINGE.format(actuator=actuator, more=""))
+    text = mjcf_template(path, tmp_path / "my_arm.py")
+    assert f'"a_activation": "{unit}",' in text
+    assert 'Output("a_activation' not in text
+
+
+def test_joints_that_an_equality_holds_are_told_of(tmp_path: Path) -> None:
+    """A search of a gripper with coupled fingers may take hours, unless they are welded."""
+    path = tmp_path / "arm.xml"
+    pair = '<equality><joint joint1="rail" joint2="wrist" active="{}"/></equality>'
+    path.write_text(SLIDE_AND_HINGE.format(actuator="", more=pair.format("true")))
+    (note,) = coupling_notes(path)
+    assert note.startswith("joints rail and wrist are held by an equality")
+    text = mjcf_template(path, tmp_path / "my_arm.py")
+    assert "        # joints rail and wrist are held by an equality" in text
+    assert max(map(len, text.splitlines())) <= 110
+    (tmp_path / "my_arm.py").write_text(text)
+    read_system(tmp_path / "my_arm.py")
+    path.write_text(SLIDE_AND_HINGE.format(actuator="", more=pair.format("false")))
+    assert coupling_notes(path) == []
+
+
+def test_files_may_have_any_names(tmp_path: Path) -> None:
+    model, target = tmp_path / 'arm "2" FILE.xml', tmp_path / 'STATES "of" \\N.py'
+    model.write_text(SLIDE_AND_HINGE.format(actuator='<motor name="a" joint="rail"/>', more=""))
+    target.write_text(mjcf_template(model, target))
+    assert read_system(target).name == "STATESOfN"
 
 
 @pytest.mark.parametrize(

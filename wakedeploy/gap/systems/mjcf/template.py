@@ -5,11 +5,18 @@ dry friction, a lag) is no constant there: it may be missing, and the search say
 """
 
 import os
+import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 from wakedeploy.gap.systems.mjcf.elements import Actuator, Attribute, Elements, Joint, read_elements
-from wakedeploy.gap.systems.template import class_name
+from wakedeploy.gap.systems.template import class_name, filled, in_docstring, literal
+from wakedeploy.gap.wording import listed
 
+_UNITS = {  # of a command, by what it asks for: on a slide, on a hinge
+    "position": ("m", "rad"), "velocity": ("m/s", "rad/s"), "force": ("N", "N m"),
+    "pressure": ("Pa", "Pa"), "voltage": ("V", "V"),
+}  # fmt: skip
 _NOISE = {"_rad": 1e-3, "_m": 1e-4, "_radps": 1e-2, "_mps": 1e-3}
 
 _TEXT = '''"""STEM: the MuJoCo model FILE, as a system for `wakedeploy gap`."""
@@ -30,7 +37,7 @@ SENSOR = ["sensor-gain", "sensor-bias", "sensor-lag", "sensor-dead-time"]
 class CLASS(MjcfSystem):
     """FILE as it is; what logs show beyond it is what the search names."""
 
-    mjcf = Path(__file__).parent / "FILE"
+    mjcf = Path(__file__).parent / PLACE
     rate_hz = 100.0  # samples a second; divides that of the logs, and half takes half as long
     inputs = [  # the commands, by the names of the log or of [columns.NAME]
 INPUTS
@@ -41,7 +48,9 @@ STATES
     outputs = [  # what the log has; a sensor's sd, roughly; take out what is not logged
 OUTPUTS
     ]
-    constants = [  # the model's numbers, and how well they are known; spread=0 is exact
+    # The model's numbers, and how well they are known; spread=0 is exact. Taken as exact, too:
+    # lengths, inertias beside masses, gravity, limits, springref, equalities, and what is 0.
+    constants = [
 CONSTANTS
     ]
     ports = [  # where effects may act; take out what is known to be right
@@ -64,15 +73,31 @@ def mjcf_template(model: Path, target: Path) -> str:
             *(_inertia(j) for j in elements.joints),
         ],
         "PORTS": [
+            *(f"# {line}" for names in elements.coupled for line in _wrapped(_coupling(names))),
             *(f'Port.input("{a.command}", kinds=COMMAND),' for a in elements.actuators),
             *(_force(j) for j in elements.joints),
             *(f'Port.output("{n}", kinds=SENSOR),' for n, _ in shown),
         ],
     }
-    text = _TEXT.replace("STEM", target.stem).replace("CLASS", class_name(target.stem))
-    for part, lines in sections.items():
-        text = text.replace(part, "\n".join(f"        {line}" for line in lines))
-    return text.replace("FILE", file)
+    values = {
+        part: "\n".join(f"        {line}" for line in lines) for part, lines in sections.items()
+    }
+    values |= {"CLASS": class_name(target.stem), "STEM": in_docstring(target.stem)}
+    return filled(_TEXT, values | {"FILE": in_docstring(file), "PLACE": literal(file)})
+
+
+def coupling_notes(model: Path) -> list[str]:
+    """Of each equality between joints, what it costs a search, and what to do."""
+    return [_coupling(names) for names in read_elements(model).coupled]
+
+
+def _coupling(names: tuple[str, ...]) -> str:
+    held = f"joints {listed(names)} are" if len(names) > 1 else f"joint {names[0]} is"
+    return (
+        f"{held} held by an equality, and each counts in full: with twice as many joints a search "
+        "takes many times as long. Where it is not about them, take them and the equality out of "
+        "the model, or at least their ports out of the system"
+    )
 
 
 def _states(elements: Elements) -> list[tuple[str, str]]:
@@ -80,25 +105,29 @@ def _states(elements: Elements) -> list[tuple[str, str]]:
     joints = elements.joints
     states = [(j.position, "rad" if j.turns else "m") for j in joints]
     states += [(j.speed, "rad/s" if j.turns else "m/s") for j in joints]
-    return states + [(a.state, "1") for a in elements.actuators if a.act >= 0]
+    return states + [(a.state, _state_unit(a, elements)) for a in elements.actuators if a.act >= 0]
 
 
 def _outputs(elements: Elements) -> list[tuple[str, str]]:
     """What sensors of joints show, or every position where the model has no such sensor."""
-    of_joints = [(n, u) for n, u in _states(elements) if u != "1"]
+    of_joints = _states(elements)[: 2 * len(elements.joints)]
     shown = [(n, u) for n, u in of_joints if n in elements.sensed]
     return shown or [(n, u) for n, u in of_joints if u in ("rad", "m")]
 
 
 def _unit(actuator: Actuator, elements: Elements) -> str:
-    """Of a command: that of what a servo follows, of a motor on a joint with gear 1, else none."""
+    """Of a command: that of what it asks for, where joint or actuator tell, else none."""
     turns = next((j.turns for j in elements.joints if j.name == actuator.joint), None)
-    if turns is None or actuator.kind == "general":
-        return "1"
-    if actuator.kind == "motor":
-        direct = elements.attributes[f"{actuator.word}_gear"].value == 1.0
-        return ("N m" if turns else "N") if direct else "1"
-    return {"position": ("m", "rad"), "velocity": ("m/s", "rad/s")}[actuator.kind][turns]
+    if actuator.follows in ("pressure", "voltage"):
+        return _UNITS[actuator.follows][0]
+    return "1" if turns is None or not actuator.follows else _UNITS[actuator.follows][turns]
+
+
+def _state_unit(actuator: Actuator, elements: Elements) -> str:
+    """Of an activation: that of the command that it filters, or what it adds velocities up to."""
+    if actuator.integrates and actuator.follows == "velocity":
+        return _unit(replace(actuator, follows="position"), elements)
+    return _unit(actuator, elements) if actuator.filters else "1"
 
 
 def _noise(name: str) -> float:
@@ -106,7 +135,7 @@ def _noise(name: str) -> float:
 
 
 def _constant(name: str, attribute: Attribute) -> str:
-    unit = "" if name.endswith("_kg") else f', unit="{attribute.unit}"'
+    unit = "" if name.endswith(("_kg", "_s")) else f', unit="{attribute.unit}"'
     spread = abs(attribute.spread * attribute.value)
     return f'Constant("{name}", {attribute.value:.6g}, spread={spread:.2g}{unit}),'
 
@@ -121,3 +150,7 @@ def _force(joint: Joint) -> str:
         f'Port.force("{joint.speed}", inertia="{joint.inertia_name}", '
         f'position="{joint.position}", kinds=JOINT),'
     )
+
+
+def _wrapped(sentence: str) -> list[str]:
+    return textwrap.wrap(sentence, 86)
