@@ -111,6 +111,13 @@ def test_what_is_no_python_file_is_refused_before_it_is_written(tmp_path, file):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_command_that_writes_an_absent_file_may_be_copied(tmp_path):
+    with pytest.raises(UnusableInput) as error:
+        read_system(tmp_path / "my robot")
+    words = shlex.split(str(error.value).split("`")[1])
+    assert words == ["wakedeploy", "gap", "init", str(tmp_path / "my robot.py")]
+
+
 def test_init_warns_of_joints_that_an_equality_holds(tmp_path):
     pytest.importorskip("mujoco")
     joints = "".join(

@@ -1,6 +1,7 @@
 """A user's system, from a Python file: `my_robot.py`, or `my_robot.py:Robot` for one of several."""
 
 import importlib.util
+import shlex
 import sys
 import warnings
 from pathlib import Path
@@ -79,8 +80,9 @@ def read_plain(path: Path, system: System) -> Recording:
 
 def _module(file: Path) -> ModuleType:
     if not file.is_file():
+        first = shlex.quote(str(file.with_suffix(".py")))
         raise UnusableInput(
-            f"{file}: no such file; `wakedeploy gap init {file}` writes a first one."
+            f"{file}: no such file; `wakedeploy gap init {first}` writes a first one."
         )
     spec = importlib.util.spec_from_file_location(f"system_{file.stem}", file)
     if spec is None or spec.loader is None:
