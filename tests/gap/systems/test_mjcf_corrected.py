@@ -237,6 +237,31 @@ def test_a_force_of_motion_or_place_is_the_joint_s(
     assert_same(tmp_path, Outside(force_n=force_n), within=0.02)  # MuJoCo's damping is implicit
 
 
+@pytest.mark.parametrize("rail", ["", 'springref="0.3"'])
+def test_a_spring_that_rests_elsewhere_is_the_joint_s_with_its_place(
+    tmp_path: Path, rail: str
+) -> None:
+    system = written(tmp_path, GEARED, rail=rail)
+    spring = {"stiffness": size(12.0, "N/m"), "preload": size(-6.0, "N")}
+    assert (
+        len(system.export(answered(("preloaded-spring@rail_mps", spring)), tmp_path / "out")) == 1
+    )
+    assert_same(tmp_path, Outside(force_n=lambda x, v: -6.0 - 12.0 * x), within=0.02)
+
+
+@pytest.mark.parametrize(
+    ("rail", "stiffness", "because"),
+    [("", -3.0, "pushes away"), ('stiffness="5"', 3.0, "has a spring of its own")],
+)
+def test_a_spring_that_a_joint_cannot_have_is_said(
+    tmp_path: Path, rail: str, stiffness: float, because: str
+) -> None:
+    system = written(tmp_path, GEARED, rail=rail)
+    spring = {"stiffness": size(stiffness, "N/m"), "preload": size(-6.0, "N")}
+    said = system.export(answered(("preloaded-spring@rail_mps", spring)), tmp_path / "out")
+    assert because in said[-1]
+
+
 def test_a_spring_beside_one_that_rests_elsewhere_moves_where_both_rest(tmp_path: Path) -> None:
     system = written(tmp_path, GEARED, rail='stiffness="5" springref="0.3"')
     told = answered(("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}))

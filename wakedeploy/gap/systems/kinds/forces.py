@@ -294,7 +294,7 @@ class AddedInertia(ForceKind):
     """More mass moves than the model says."""
 
     name = "added-inertia"
-    phrase = "more mass that moves with {port} than is stated"
+    phrase = "more mass, or less, that moves with {port} than is stated"
     equation = "(1 + ratio) m a = F"
     source = "Brennen, A Review of Added Mass, 1982"
     needs = ("inertia",)

@@ -114,6 +114,20 @@ def _spring(written: Fitted, joint: Joint, effect: Found) -> str:
     return ""
 
 
+def _preloaded(written: Fitted, joint: Joint, effect: Found) -> str:
+    """A spring that rests where it bears nothing; a joint has one such place."""
+    model = written.elements.model
+    stiffness, preload = (effect.parameters[name] for name in ("stiffness", "preload"))
+    if any(_of_joint(model, joint, attribute) for attribute, _ in _SPRINGS.values()):
+        return _without(effect, "the joint has a spring of its own, which rests elsewhere")
+    if not stiffness["value"] > 0.0:
+        return _without(effect, "the spring pushes away from where it rests")
+    rest = float(preload["value"]) / float(stiffness["value"])
+    written.follow("joint", joint.name, "springref", rest)
+    _add_to_joint(written, joint, "stiffness", stiffness)
+    return ""
+
+
 def _rest(written: Fitted, joint: Joint) -> float:
     """Where the joint's spring rests [rad, m], as it will be written."""
     moved = written.following.get(("joint", joint.name, "springref"))
@@ -236,6 +250,7 @@ def _saturation(written: Fitted, actuator: Actuator, effect: Found) -> str:
 _OF_JOINT: dict[str, Callable[[Fitted, Joint, Found], str]] = {
     **dict.fromkeys(_RESISTS, _resist),
     **dict.fromkeys(_SPRINGS, _spring),
+    "preloaded-spring": _preloaded,
     "added-inertia": _inertia,
     "offset": _offset,
 }
