@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -151,7 +152,10 @@ def test_a_sensor_that_sends_in_bursts_is_not_silent(tmp_path: Path) -> None:
     stamps = [0.32 * burst + 0.0005 * k for burst in range(20) for k in range(32)]
     path = write(tmp_path / "log.csv", stamps, stamps)
     text = BASE + U.replace('"input"', '"output"') + "[resample]\nrate_hz = 100\n"
-    assert np.isfinite(one(path, text).columns["u"]).all()
+    read = one(path, text)
+    arrived = {int(np.ceil(stamp * 100 - 1e-9)) for stamp in stamps}
+    measured = np.flatnonzero(np.isfinite(read.columns["u"]))
+    assert set(measured) == {tick for tick in arrived if tick < len(read.time_s)}
 
 
 @pytest.mark.parametrize(
@@ -221,6 +225,127 @@ def test_of_doubled_stamps_one_is_kept_and_it_is_said(
     assert read.notes == (
         f"{path}, column 't': 1 stamps were there twice; the {repeated} was kept",
     )
+
+
+ONE_TABLE = BASE + U + 'missing = "hold"\n[columns.q]\ncolumn = "q"\nrole = "output"\n'
+ONE_TABLE += 'unit = "rad"\nmissing = "hold"\n'
+
+
+def two_streams(folder: Path) -> tuple[Any, Any, Path]:
+    """Commands at 20 Hz and states at 50 Hz as one table, a row for each message."""
+    pandas = pytest.importorskip("pandas")
+    commands = pandas.DataFrame({"t": np.arange(200) / 20, "u": np.sin(np.arange(200))})
+    states = pandas.DataFrame({"t": np.arange(500) / 50, "q": np.cos(0.1 * np.arange(500))})
+    path = folder / "log.csv"
+    pandas.concat([commands, states]).sort_values("t", kind="stable").to_csv(path, index=False)
+    return commands, states, path
+
+
+def test_rows_of_one_stamp_that_fill_different_columns_are_one(tmp_path: Path) -> None:
+    """Against pandas: each tick has the newest command, and every state is there."""
+    commands, states, path = two_streams(tmp_path)
+    read = reading(path, ONE_TABLE + "[resample]\nrate_hz = 50\n")
+    (recording,) = read.recordings
+    assert recording.columns["q"].tolist() == states["q"][: len(recording.time_s)].tolist()
+    ticks = states["t"][: len(recording.time_s)] + 1e-9
+    of_ticks = np.searchsorted(commands["t"], ticks, side="right") - 1
+    assert recording.columns["u"].tolist() == commands["u"][of_ticks].tolist()
+    assert read.notes[0] == (
+        f"{path}, column 't': 100 stamps have rows that fill different columns; they were merged"
+    )
+    assert not any("twice" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(("repeated", "kept"), [("last", 3.0), ("first", 2.0)])
+def test_of_merged_rows_those_of_one_column_still_contradict(
+    repeated: str, kept: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,u,q\n0,1,5\n0.1,2,\n0.1,,6\n0.1,3,\n0.2,4,7\n", "utf-8")
+    text = ONE_TABLE.replace(BASE, f'{BASE}repeated = "{repeated}"\n')
+    read = reading(path, text)
+    assert read.recordings[0].columns["u"].tolist() == [1.0, kept, 4.0]
+    assert read.recordings[0].columns["q"].tolist() == [5.0, 6.0, 7.0]
+    assert [note.partition(": ")[2] for note in read.notes] == [
+        "1 stamps have rows that fill different columns; they were merged",
+        f"1 stamps were there twice; the {repeated} was kept",
+    ]
+    with pytest.raises(UnusableInput, match="'t' repeats a stamp at line 5"):
+        reading(path, text.replace(repeated, "refuse"))
+    path.write_text("t,u,q\n0,1,5\n0.1,2,\n0.1,,6\n0.2,4,7\n", "utf-8")
+    assert len(one(path, text.replace(repeated, "refuse")).time_s) == 3
+
+
+@pytest.mark.parametrize("how", ["npz", "hold", "nan"])
+@pytest.mark.parametrize("method", ["hold", "low-pass"])
+def test_an_output_is_measured_where_a_number_came_and_an_input_is_held(
+    how: str, method: str, tmp_path: Path
+) -> None:
+    """A sensor at 20 Hz, ticks at 100 Hz: one tick in five is a measurement."""
+    t, slow_t = np.arange(500) / 100, np.arange(100) / 20
+    u, q = np.sin(t), np.cos(3 * slow_t)
+    if how == "npz":
+        path = tmp_path / "log.npz"
+        np.savez(path, t=t, u=u, q=q, slow_t=slow_t)
+        more = 'time = "slow_t"\n'
+    else:
+        path, more = tmp_path / "log.csv", f'missing = "{how}"\n'
+        cells = [repr(float(q[k // 5])) if k % 5 == 0 else "" for k in range(500)]
+        rows = [f"{a!r},{b!r},{c}" for a, b, c in zip(t.tolist(), u.tolist(), cells, strict=True)]
+        path.write_text("\n".join(["t,u,q", *rows]) + "\n", "utf-8")
+    text = BASE + U + f'[columns.q]\ncolumn = "q"\nrole = "output"\nunit = "1"\n{more}'
+    text += f'[resample]\nrate_hz = 100\nmethod = "{method}"\n'
+    if (how, method) == ("nan", "low-pass"):
+        with pytest.raises(UnusableInput, match='"split", or "hold" where other columns have rows'):
+            reading(path, text)
+        return
+    read = reading(path, text)
+    (recording,) = read.recordings
+    measured = np.isfinite(recording.columns["q"])
+    assert np.array_equal(measured, np.arange(len(measured)) % 5 == 0)
+    assert np.isfinite(recording.columns["u"]).all()
+    if method == "hold":
+        assert np.array_equal(recording.columns["q"][measured], q[: measured.sum()])
+    of = f"{int(measured.sum())} of {len(measured)} ticks have a new sample; the others are not"
+    assert sum(of in note for note in read.notes) == 1
+    held = reading(path, text.replace('"output"', '["output", "observation"]'))
+    if how != "nan":
+        assert np.isfinite(held.recordings[0].columns["q"]).all()
+        assert any("counts as measured at the others" in note for note in held.notes)
+    assert not any("at the others" in n for n in reading(path, text + "[split]\n").notes)
+
+
+def test_an_output_that_is_written_when_it_changes_shows_at_every_tick(tmp_path: Path) -> None:
+    np.savez(
+        tmp_path / "log.npz", t=np.arange(100) / 100, u=np.arange(100.0),
+        slow_t=[0.0, 0.5], q=[1.0, 2.0],
+    )  # fmt: skip
+    text = BASE + "[resample]\nrate_hz = 100\n" + U
+    text += '[columns.q]\ncolumn = "q"\nrole = "output"\nunit = "1"\ntime = "slow_t"\n'
+    read = one(tmp_path / "log.npz", text + "event = true\n")
+    assert read.columns["q"].tolist() == [1.0] * 50 + [2.0] * 50
+
+
+def test_an_output_without_a_rate_is_measured_in_its_own_rows(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", tenths(6), [1, "", 2, "", 3, ""])
+    read = reading(path, BASE + U.replace("input", "output") + 'missing = "hold"\n')
+    np.testing.assert_array_equal(
+        read.recordings[0].columns["u"], [1, np.nan, 2, np.nan, 3, np.nan]
+    )
+    assert "3 of 6 samples have a number; the others are not measured" in read.notes[0]
+
+
+def test_a_log_in_pieces_is_told_of_once(tmp_path: Path) -> None:
+    t = np.concatenate([k * 100 + np.arange(1000) / 100 for k in range(3)])
+    slow_t = np.delete(t[::10], np.s_[20:35])
+    np.savez(tmp_path / "log.npz", t=t, u=np.sin(t), slow_t=slow_t, battery=slow_t)
+    text = BASE + "[resample]\nrate_hz = 100\n[split]\ngap_s = 3.0\n" + U
+    text += '[columns.battery]\ncolumn = "battery"\nrole = "input"\nunit = "V"\n'
+    read = reading(tmp_path / "log.npz", text + 'time = "slow_t"\n')
+    assert len(read.recordings) == 3
+    assert [note.partition(": ")[2] for note in read.notes] == [
+        "silent for 1.6 s and less; the last sample is held"
+    ]
 
 
 def test_falling_stamps_are_sorted_or_begin_another_recording(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ def logs(draw: st.DrawFn) -> tuple[Vector, Vector]:
 
 
 def ticks_of(stamps_s: Vector, rate_hz: float) -> Vector:
-    return even_ticks(stamps_s, float(stamps_s[0]), float(stamps_s[-1]), rate_hz)
+    return even_ticks([stamps_s], float(stamps_s[0]), float(stamps_s[-1]), rate_hz)
 
 
 @given(logs(), st.floats(1.0, 200.0))

@@ -13,6 +13,7 @@ from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.search.rivalry import is_nothing
 from wakedeploy.gap.systems import logs
+from wakedeploy.gap.systems.blocks import logs_of
 from wakedeploy.gap.systems.logs import LogModel
 
 RATE = 100.0
@@ -77,6 +78,16 @@ def test_a_constant_is_moved_by_little_of_itself_where_its_spread_is_wide():
 
     (mass,) = [f for f in LogModel(Loose(), [recorded(0)]).free(()) if f.quantity == "mass_kg"]
     assert (mass.prior_sd, mass.step) == (5.0, pytest.approx(0.02))
+
+
+def test_a_reading_between_a_system_s_samples_counts_at_the_next():
+    """A sensor whose ticks are not the system's: none of its readings is lost, or used twice."""
+    rows = np.arange(400)
+    y = np.where(rows % 10 == 3, np.sin(rows / 50.0), np.nan)
+    columns = {"force_n": np.cos(rows), "position_m": y}
+    system = type("Thinned", (Mass,), {"rate_hz": 25.0})()
+    (log,) = logs_of(system, [Recording("log", rows / 100.0, columns)])
+    assert np.array_equal(log.outputs[0][np.isfinite(log.outputs[0])], y[np.isfinite(y)])
 
 
 def test_a_linear_system_has_the_likelihood_of_a_kalman_filter():

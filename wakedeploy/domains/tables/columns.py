@@ -39,7 +39,7 @@ class TimeBase(_Table):
     rate_hz: float | None = Field(default=None, ge=0, le=_MOST_HZ)
     """Samples a second of a log without stamps; a first file has 0 where the log does not say."""
     repeated: Literal["last", "first", "refuse"] = "last"
-    """Which of several samples with one stamp is kept."""
+    """Which of several numbers that a column has at one stamp is kept."""
     falling: Literal["refuse", "sort", "split"] = "refuse"
     """Stamps that fall: refused, sorted, or the begin of another recording."""
 
@@ -139,7 +139,11 @@ class Column(_Table):
     scale: float = 1.0
     offset: float = 0.0
     missing: Literal["refuse", "hold", "nan", "split"] = "refuse"
-    """A sample without a number: refused, the last one held, NaN, or the end of a recording."""
+    """A sample without a number: refused, the last one held, NaN, or the end of a recording.
+
+    A reading that is held is not measured: there "hold" says that rows of other columns lie between
+    its own.
+    """
     event: bool = False
     """Written only when it changes: its last sample holds for as long as the others go on."""
     time: Address | None = None
@@ -152,6 +156,15 @@ class Column(_Table):
     def roles(self) -> tuple[Role, ...]:
         """All of its roles."""
         return self.role if isinstance(self.role, tuple) else (self.role,)
+
+    @property
+    def is_reading(self) -> bool:
+        """Whether it counts only where it was measured: an output, and nothing else beside it.
+
+        What drives the system, and what is learnt from, has a value at all times. So has what is
+        written only when it changes.
+        """
+        return set(self.roles) - {"unused"} == {"output"} and not self.event
 
 
 class Columns(_Table):

@@ -15,15 +15,7 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Columns
-from wakedeploy.domains.tables.log import (
-    Clock,
-    Log,
-    Values,
-    is_log,
-    open_log,
-    refused,
-    require_size,
-)
+from wakedeploy.domains.tables.log import Clock, Log, Values, is_log, open_log, require_size
 from wakedeploy.domains.tables.pieces import (
     Stretch,
     common,
@@ -31,20 +23,16 @@ from wakedeploy.domains.tables.pieces import (
     from_first,
     longest_silence,
 )
-from wakedeploy.domains.tables.resampling import (
-    even_ticks,
-    evened,
-    held,
-    low_passed,
-    stale,
-    unevenness,
-)
+from wakedeploy.domains.tables.remarks import Remarks
+from wakedeploy.domains.tables.resampling import even_ticks, evened, unevenness
+from wakedeploy.domains.tables.series import Place, Series
 from wakedeploy.domains.tables.stamps import (
     Timeline,
     as_floats,
     as_numbers,
     between_falls,
     in_seconds,
+    on_repeats,
     origin_s,
     seconds_in,
     timeline,
@@ -54,42 +42,6 @@ from wakedeploy.domains.tables.wanted import Wanted
 
 Vector = NDArray[np.float64]
 _ABSURD = 1e30  # in any unit, nothing has so much of anything
-
-
-@dataclass(frozen=True)
-class _Place:
-    """Where a column stands: its log, its address, and its clock (None: the rate is stated)."""
-
-    log: Log
-    address: str
-    clock: Clock | None
-
-    def row(self, index: int) -> str:
-        """What a row of it is called."""
-        return self.log.place(self.address, index)
-
-    def refused(self, reason: str, advice: str) -> UnusableInput:
-        """The sentence for this column."""
-        return refused(self.log.path, self.address, reason, advice)
-
-    def clock_refused(self, reason: str, advice: str) -> UnusableInput:
-        """The sentence for this column's clock."""
-        address = self.clock.address if self.clock else self.address
-        return refused(self.log.path, address, reason, advice)
-
-
-@dataclass(frozen=True, eq=False)
-class _Series:
-    """A column with its stamps: `values` (m,) in the unit wanted, NaN where there is none."""
-
-    wanted: Wanted
-    place: _Place
-    times: Timeline
-    values: Vector
-
-    @property
-    def is_event(self) -> bool:
-        return self.wanted.column.event
 
 
 @dataclass
@@ -102,6 +54,7 @@ class FileReader:
     wanted: Mapping[str, Wanted]
     notes: list[str]
     _logs: dict[str, Log] = field(default_factory=dict)
+    _remarks: Remarks = field(default_factory=Remarks)
 
     def recordings(self) -> Iterator[Recording]:
         """Its pieces in their order; UnusableInput where there is none."""
@@ -115,6 +68,7 @@ class FileReader:
                 if made is not None:
                     count += 1
                     yield made
+        self.notes += self._remarks.sentences()
         if not count:
             raise UnusableInput(
                 f"{self.path}: has no stretch in which all columns have samples; look at its gaps"
@@ -144,26 +98,26 @@ class FileReader:
         require_size(self.path / file)
         return self.path / file
 
-    def _place(self, wanted: Wanted) -> _Place:
+    def _place(self, wanted: Wanted) -> Place:
         column, base = wanted.column, self.columns.time
         log = self._log(column.file)
         clock = log.clock_of(column.column)
         if column.time is not None:
             unit = column.time_unit or base.unit or (clock.unit if clock else "s")
-            return _Place(log, column.column, Clock(column.time, unit))
+            return Place(log, column.column, Clock(column.time, unit))
         if base.rate_hz is not None:
-            return _Place(log, column.column, None)
+            return Place(log, column.column, None)
         if base.column is not None:
             topic = clock.address.rpartition(".")[0] + "." if clock else ""
             unit = base.unit or (clock.unit if clock else "s")
-            return _Place(log, column.column, Clock(topic + base.column, unit))
+            return Place(log, column.column, Clock(topic + base.column, unit))
         if clock is None:
             raise UnusableInput(
                 f"{log.path}: has no clock of its own; give [time] column, or [time] rate_hz."
             )
-        return _Place(log, column.column, clock)
+        return Place(log, column.column, clock)
 
-    def _raw(self, places: Iterable[_Place]) -> dict[tuple[int, str], Values]:
+    def _raw(self, places: Iterable[Place]) -> dict[tuple[int, str], Values]:
         """Everything that is needed, each log read once, by log and address."""
         addresses: dict[int, set[str]] = {}
         stamps: dict[int, set[str]] = {}
@@ -186,26 +140,25 @@ class FileReader:
     # --- stamps
 
     def _sessions(
-        self, places: Mapping[str, _Place], raw: Mapping[tuple[int, str], Values]
-    ) -> Iterator[list[_Series]]:
+        self, places: Mapping[str, Place], raw: Mapping[tuple[int, str], Values]
+    ) -> Iterator[list[Series]]:
         """The columns with their stamps; one list, or one for each piece between falls."""
         seconds = self._stamps(places, raw)
         numbers = {n: self._numbers(p, raw[id(p.log), p.address]) for n, p in places.items()}
         for name, place in places.items():
             self._require_length(place, numbers[name], seconds[_clock_key(place)])
-        cuts = self._cuts(places, seconds)
-        for cut in cuts:
+        for cut in self._cuts(places, seconds):
             lines = {
-                key: self._timeline(key, places, stamps[cut], cut.start or 0)
+                key: self._timeline(key, places, numbers, stamps[cut], cut.start or 0)
                 for key, stamps in seconds.items()
             }
             yield [
-                self._series(self.wanted[n], p, lines[_clock_key(p)], numbers[n][cut])
+                self._series(self.wanted[n], p, lines[_clock_key(p)], numbers[n])
                 for n, p in places.items()
             ]
 
     def _stamps(
-        self, places: Mapping[str, _Place], raw: Mapping[tuple[int, str], Values]
+        self, places: Mapping[str, Place], raw: Mapping[tuple[int, str], Values]
     ) -> dict[tuple[int, str], Vector]:
         """Each clock's stamps [s] from one origin."""
         found: dict[tuple[int, str], tuple[Values, Fraction]] = {}
@@ -223,7 +176,7 @@ class FileReader:
         rate_hz = self.columns.time.rate_hz or 1.0
         return stamps_s | {key: np.arange(n) / rate_hz for key, n in lengths.items()}
 
-    def _clock(self, place: _Place, values: Values) -> tuple[Values, Fraction]:
+    def _clock(self, place: Place, values: Values) -> tuple[Values, Fraction]:
         """A clock's numbers, and the seconds in its unit."""
         assert place.clock is not None
         form = self.columns.time.format
@@ -238,21 +191,26 @@ class FileReader:
             raise place.clock_refused(f"has no unit of time: {error}", advice) from error
 
     def _timeline(
-        self, key: tuple[int, str], places: Mapping[str, _Place], stamps_s: Vector, first: int
+        self,
+        key: tuple[int, str],
+        places: Mapping[str, Place],
+        numbers: Mapping[str, Vector],
+        stamps_s: Vector,
+        first: int,
     ) -> Timeline:
-        place = next(p for p in places.values() if _clock_key(p) == key)
+        """A clock's stamps from a row on, and what its columns have at each."""
+        names = [name for name, place in places.items() if _clock_key(place) == key]
+        place, base = places[names[0]], self.columns.time
         notes: list[str] = []
-
-        def row(index: int) -> str:
-            return place.row(first + index)
-
-        line = timeline(stamps_s, self.columns.time, row, place.clock_refused, notes)
+        line = timeline(stamps_s, first, base, place.row, place.clock_refused, notes)
+        columns = [numbers[name] for name in names]
+        notes += on_repeats(line, columns, base, place.row, place.clock_refused)
         called = f", column {place.clock.address!r}" if place.clock else ""
         self.notes += [f"{place.log.path}{called}: {note}" for note in notes]
         return line
 
     def _cuts(
-        self, places: Mapping[str, _Place], seconds: Mapping[tuple[int, str], Vector]
+        self, places: Mapping[str, Place], seconds: Mapping[tuple[int, str], Vector]
     ) -> list[slice]:
         if self.columns.time.falling != "split":
             return [slice(None)]
@@ -263,7 +221,7 @@ class FileReader:
             )
         return between_falls(next(iter(seconds.values())))
 
-    def _require_length(self, place: _Place, values: Vector, stamps_s: Vector) -> None:
+    def _require_length(self, place: Place, values: Vector, stamps_s: Vector) -> None:
         if len(values) != len(stamps_s):
             reason = f"has {len(values)} samples for {len(stamps_s)} stamps"
             raise place.refused(reason, "give the clock of this column (time = …)")
@@ -272,18 +230,19 @@ class FileReader:
 
     # --- numbers
 
-    def _numbers(self, place: _Place, values: Values) -> Vector:
+    def _numbers(self, place: Place, values: Values) -> Vector:
         if values.dtype == object:
             raise place.refused("holds texts", "leave it out, or choose another")
         with np.errstate(over="ignore"):
             return as_floats(values)
 
-    def _series(self, wanted: Wanted, place: _Place, times: Timeline, values: Vector) -> _Series:
-        values = wanted.converted(values[times.rows])
-        absurd = np.abs(values) > _ABSURD
+    def _series(self, wanted: Wanted, place: Place, times: Timeline, values: Vector) -> Series:
+        values = wanted.converted(values)
+        absurd = np.abs(values[times.order]) > _ABSURD
         if absurd.any():
-            row = place.row(int(times.rows[int(np.argmax(absurd))]))
+            row = place.row(int(times.order[int(np.argmax(absurd))]))
             raise place.refused(f"is too large for a measurement in {row}", "mend or delete it")
+        values = times.merged(values)
         absent = np.isnan(values)
         if absent.all():
             raise place.refused("has no number in any row", "choose another column")
@@ -291,19 +250,13 @@ class FileReader:
             at = int(times.rows[int(np.argmax(absent))])
             reason = f"has no number in {place.row(at)}"
             raise place.refused(reason, wanted.advice_on_missing)
-        if wanted.column.missing == "hold" and absent.any():
-            count = f"{int(absent.sum())} samples have no number"
-            self._tell(place, f"{count}; the last one is held, and counts as measured")
-        if wanted.doubt:
-            self._tell(place, wanted.doubt)
-        return _Series(wanted, place, times, values)
-
-    def _tell(self, place: _Place, note: str) -> None:
-        self.notes.append(f"{place.log.path}, column {place.address!r}: {note}")
+        column = Series(wanted, place, times, values)
+        self._remarks.read(column)
+        return column
 
     # --- pieces
 
-    def _stretches(self, series: Sequence[_Series]) -> list[Stretch]:
+    def _stretches(self, series: Sequence[Series]) -> list[Stretch]:
         """The stretches of time that all columns cover."""
         found: list[Stretch] | None = None
         for column in series:
@@ -311,7 +264,7 @@ class FileReader:
             found = here if found is None else common(found, here)
         return [stretch for stretch in found or [] if np.isfinite(stretch).all()]
 
-    def _covered(self, column: _Series) -> list[Stretch]:
+    def _covered(self, column: Series) -> list[Stretch]:
         stamps_s, gap_s = column.times.stamps_s, self.columns.split.gap_s
         values = column.values
         is_good = ~np.isnan(values)
@@ -340,7 +293,7 @@ class FileReader:
         return stretches
 
     def _recording(
-        self, series: Sequence[_Series], start_s: float, end_s: float, number: int
+        self, series: Sequence[Series], start_s: float, end_s: float, number: int
     ) -> Recording | None:
         """A piece at its rate; None for one that is too short."""
         name = f"{self.name}-{number + 1}" if number else self.name
@@ -354,7 +307,7 @@ class FileReader:
         return Recording(name, *sampled) if len(sampled[0]) > 1 else None
 
     def _as_recorded(
-        self, series: Sequence[_Series], start_s: float, end_s: float
+        self, series: Sequence[Series], start_s: float, end_s: float
     ) -> tuple[Vector, dict[str, Vector]]:
         first = series[0]
         for column in series:
@@ -369,10 +322,10 @@ class FileReader:
         if len(kept_s) < 2:
             return kept_s, {}
         self._require_even(first, kept_s, int(np.argmax(inside)))
-        values = {column.wanted.name: _filled(column)[inside] for column in series}
+        values = {column.name: column.filled()[inside] for column in series}
         return evened(kept_s), values
 
-    def _require_even(self, column: _Series, stamps_s: Vector, first: int) -> None:
+    def _require_even(self, column: Series, stamps_s: Vector, first: int) -> None:
         at = unevenness(stamps_s)
         if at is not None:
             row = column.place.row(int(column.times.rows[first + at]))
@@ -391,56 +344,20 @@ class FileReader:
         return f"where samples are lost give [split] gap_s = {gap_s}{now}; {resample}"
 
     def _resampled(
-        self, series: Sequence[_Series], start_s: float, end_s: float
+        self, series: Sequence[Series], start_s: float, end_s: float
     ) -> tuple[Vector, dict[str, Vector]]:
         how = self.columns.resample
         assert how is not None
-        leading = max((s for s in series if not s.is_event), key=lambda s: len(s.times.stamps_s))
-        stamps_s = leading.times.stamps_s
-        inside_s = stamps_s[(stamps_s >= start_s) & (stamps_s <= end_s)]
-        if len(inside_s) < 2 or (end_s - start_s) * how.rate_hz > 1e8:
+        clocks_s = [s.with_numbers()[0] for s in series if not s.is_event]
+        inside_s = [c[(c >= start_s) & (c <= end_s)] for c in clocks_s]
+        if max(map(len, inside_s), default=0) < 2 or (end_s - start_s) * how.rate_hz > 1e8:
             return np.empty(0), {}
         ticks_s = even_ticks(inside_s, start_s, end_s, how.rate_hz)
         if len(ticks_s) < 2:
             return ticks_s, {}
-        values = {column.wanted.name: self._at_ticks(column, ticks_s) for column in series}
-        return ticks_s, values
-
-    def _at_ticks(self, column: _Series, ticks_s: Vector) -> Vector:
-        how = self.columns.resample
-        assert how is not None
-        stamps_s, values = column.times.stamps_s, _filled(column)
-        if how.method == "hold":
-            return self._but_stale(column, ticks_s, held(stamps_s, values, ticks_s))
-        if np.isnan(values[stamps_s >= ticks_s[0]]).any():
-            advice = f'give missing = "split" in [columns.{column.wanted.name}]'
-            raise column.place.refused(
-                "has samples without a number, which no filter takes", advice
-            )
-        try:
-            filtered = low_passed(stamps_s, values, ticks_s, how.effective_cutoff_hz)
-        except ValueError as error:
-            raise column.place.refused(f"cannot be filtered: {error}", "cut the log") from error
-        return self._but_stale(column, ticks_s, filtered)
-
-    def _but_stale(self, column: _Series, ticks_s: Vector, values: Vector) -> Vector:
-        """The values; where a sensor was silent for some of its own steps, they are unmeasured.
-
-        What is held there would count as measured. An input acts on, and is held.
-        """
-        stamps_s = column.times.stamps_s
-        is_stale = stale(stamps_s, ticks_s)
-        if column.is_event or not is_stale.any():
-            return values
-        first, last = np.searchsorted(stamps_s, (ticks_s[0], ticks_s[-1]))
-        inside_s = np.diff(stamps_s[max(int(first) - 1, 0) : int(last) + 1])
-        silent_s = float(inside_s.max(initial=0.0))
-        count = f"silent for {silent_s:.3g} s and less"
-        if set(column.wanted.column.roles) != {"output"}:
-            self._tell(column.place, f"{count}; the last sample is held")
-            return values
-        self._tell(column.place, f"{count}; these {int(is_stale.sum())} samples are not measured")
-        return np.where(is_stale, np.nan, values)
+        for column in series:
+            self._remarks.brought(column, ticks_s)
+        return ticks_s, {column.name: column.at_ticks(ticks_s, how) for column in series}
 
 
 def _gap_between(usual_s: float, silent_s: float) -> str:
@@ -448,14 +365,5 @@ def _gap_between(usual_s: float, silent_s: float) -> str:
     return f"{min(10.0 * usual_s, 0.5 * (usual_s + silent_s)):.2g}"
 
 
-def _clock_key(place: _Place) -> tuple[int, str]:
+def _clock_key(place: Place) -> tuple[int, str]:
     return id(place.log), place.clock.address if place.clock else ""
-
-
-def _filled(column: _Series) -> Vector:
-    """The values, with the last one held where one is missing and shall be held."""
-    if column.wanted.column.missing != "hold" and not column.is_event:
-        return column.values
-    is_good = ~np.isnan(column.values)
-    newest = np.maximum.accumulate(np.where(is_good, np.arange(len(is_good)), -1))
-    return np.where(newest >= 0, column.values[np.maximum(newest, 0)], np.nan)

@@ -3,6 +3,8 @@
 Pure functions of arrays: stamps (n,) [s] that rise, values (n,), ticks (m,) [s] that rise evenly.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,28 +16,47 @@ _FINER = 10.0  # times the cut-off, at which the filter runs at least
 _MOST_FINE = 64 << 20  # steps of the filter
 
 
-def even_ticks(stamps_s: Vector, start_s: float, end_s: float, rate_hz: float) -> Vector:
+def even_ticks(clocks_s: Sequence[Vector], start_s: float, end_s: float, rate_hz: float) -> Vector:
     """Ticks at `rate_hz` within a piece, so late that stamps that jitter have a tick each.
 
-    Where stamps lie at the ticks up to a quarter of the log's own step, ticks begin later by the
-    most that a stamp lies behind its tick. A sample is then never one tick late in one place and in
-    time in the next.
+    Where a clock's stamps lie at the ticks up to a quarter of a step, ticks begin later by the most
+    that a stamp lies behind its tick. A sample is then never one tick late in one place and in time
+    in the next.
     """
     ticks_s = start_s + np.arange(_count(start_s, end_s, rate_hz)) / rate_hz
-    off_s = _nearest(stamps_s, ticks_s) - ticks_s
-    step_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 0.0
-    late_s = float(off_s.max(initial=0.0))
-    if np.abs(off_s).max(initial=0.0) > _NEAR * step_s or late_s == 0.0:
+    if not len(ticks_s):
         return ticks_s
+    late_s = max((_lateness_s(stamps_s, ticks_s, rate_hz) for stamps_s in clocks_s), default=0.0)
     late_s += 4.0 * float(np.spacing(np.abs(ticks_s).max()))
     inside: Vector = (ticks_s + late_s)[: _count(start_s + late_s, end_s + late_s, rate_hz)]
     return inside
+
+
+def _lateness_s(stamps_s: Vector, ticks_s: Vector, rate_hz: float) -> float:
+    """The most that a clock's stamps lie behind their ticks; 0 for one that has ticks of its own.
+
+    A slower clock has a tick for each stamp, a faster one a stamp for each tick.
+    """
+    step_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 0.0
+    if step_s * rate_hz > 1.0 + _NEAR:
+        off_s, step_s = stamps_s - _nearest(ticks_s, stamps_s), 1.0 / rate_hz
+    else:
+        off_s = _nearest(stamps_s, ticks_s) - ticks_s
+    is_near = np.abs(off_s).max(initial=0.0) <= _NEAR * step_s
+    return max(float(off_s.max(initial=0.0)), 0.0) if is_near else 0.0
 
 
 def held(stamps_s: Vector, values: Vector, ticks_s: Vector) -> Vector:
     """The newest value at or before each tick; NaN before the first."""
     newest = np.searchsorted(stamps_s, ticks_s, side="right") - 1
     return np.where(newest >= 0, values[np.maximum(newest, 0)], np.nan)
+
+
+def refreshed(stamps_s: Vector, ticks_s: Vector) -> NDArray[np.bool_]:
+    """Ticks (m,) since whose forerunner a sample has come."""
+    step_s = (ticks_s[-1] - ticks_s[0]) / (len(ticks_s) - 1)
+    edges_s = np.insert(ticks_s, 0, ticks_s[0] - step_s)
+    return np.diff(np.searchsorted(stamps_s, edges_s, side="right")) > 0
 
 
 def stale(stamps_s: Vector, ticks_s: Vector) -> NDArray[np.bool_]:

@@ -5,10 +5,11 @@ In: the numbers or texts under a clock's address. Out: a `Timeline`, and remarks
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from fractions import Fraction
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +24,46 @@ Place = Callable[[int], str]
 Refuse = Callable[[str, str], UnusableInput]  # of a reason and an advice
 
 _LATEST_S = 1e12
+_SWAPPED_ROWS = 20  # that a message comes late, and not a clock that was set back
 _DATES_BEGIN_S = 1_000_000  # a clock that shows more counts from a year, not from a start
 
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """When the rows of a clock were taken: `stamps_s` (m,) rises, `rows` (m,) are the log's."""
+    """When the rows of a clock were taken: `stamps_s` (m,) rises, with one row or more for each.
+
+    `order` (n,) are the log's rows by their stamps, `starts` (m,) where those of a stamp begin in
+    it. `keeps` says which of several numbers at one stamp is a column's.
+    """
 
     stamps_s: Vector
-    rows: NDArray[np.intp]
+    order: NDArray[np.intp]
+    starts: NDArray[np.intp]
+    keeps: Literal["first", "last"] = "last"
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """The row (m,) of the log that a stamp is called by."""
+        ends = np.append(self.starts[1:], len(self.order)) - 1
+        return self.order[ends if self.keeps == "last" else self.starts]
+
+    def merged(self, values: Vector) -> Vector:
+        """A column (m,) of the log's rows: of the rows with one stamp a number that is there."""
+        ordered = values[self.order]
+        if len(self.starts) == len(self.order):
+            return ordered
+        places = np.arange(len(ordered))
+        is_there = ~np.isnan(ordered)
+        if self.keeps == "last":
+            chosen = np.maximum.reduceat(np.where(is_there, places, self.starts[0]), self.starts)
+        else:
+            chosen = np.minimum.reduceat(np.where(is_there, places, len(places) - 1), self.starts)
+        is_own = np.maximum.reduceat(is_there, self.starts)
+        return np.where(is_own, ordered[chosen], np.nan)
+
+    def numbers(self, values: Vector) -> NDArray[np.intp]:
+        """How many numbers (m,) a column has at each stamp."""
+        return np.add.reduceat((~np.isnan(values[self.order])).astype(np.intp), self.starts)
 
     def same_as(self, other: "Timeline") -> bool:
         """Whether another clock tells the same."""
@@ -103,44 +135,75 @@ def in_seconds(values: Values, seconds: Fraction, origin: int) -> Vector:
 
 
 def timeline(
-    stamps_s: Vector, base: TimeBase, place: Place, refuse: Refuse, notes: list[str]
+    stamps_s: Vector, first: int, base: TimeBase, place: Place, refuse: Refuse, notes: list[str]
 ) -> Timeline:
-    """Stamps in rising order, with what was done about doubles and falls."""
+    """Stamps in rising order, of the rows from `first` on, with what was done about falls."""
     is_stamp = np.abs(stamps_s) < _LATEST_S  # nor is NaN
     if not is_stamp.all():
         at = int(np.argmin(is_stamp))
-        raise refuse(f"has no stamp in {place(at)}", "mend or delete that row")
-    rows = np.arange(len(stamps_s))
+        raise refuse(f"has no stamp in {place(first + at)}", "mend or delete that row")
+    order = np.arange(len(stamps_s))
     falls = np.flatnonzero(np.diff(stamps_s) < 0)
     if len(falls) and base.falling == "refuse":
         back_s = float(stamps_s[falls[0]] - stamps_s[falls[0] + 1])
-        reason = f"falls by {back_s:.3g} s at {place(int(falls[0]) + 1)}"
-        advice = 'give [time] falling = "sort", or "split" where another recording begins'
-        raise refuse(reason, advice)
+        reason = f"falls by {back_s:.3g} s at {place(first + int(falls[0]) + 1)}"
+        raise refuse(reason, _advice_on_falls(stamps_s))
     if len(falls) and base.falling == "sort":
-        rows = np.argsort(stamps_s, kind="stable")
-        notes.append(f"{len(falls)} stamps fell and were sorted")
-    return _without_doubles(stamps_s[rows], rows, base, place, refuse, notes)
+        order = np.argsort(stamps_s, kind="stable")
+        back_s = float((np.maximum.accumulate(stamps_s) - stamps_s).max())
+        notes.append(f"{len(falls)} stamps fell and were sorted, by up to {back_s:.3g} s")
+    ordered_s = stamps_s[order]
+    starts = np.flatnonzero(np.diff(ordered_s, prepend=-np.inf) > 0)
+    keeps: Literal["first", "last"] = "first" if base.repeated == "first" else "last"
+    return Timeline(ordered_s[starts], first + order, starts, keeps)
 
 
-def _without_doubles(
-    stamps_s: Vector,
-    rows: NDArray[np.intp],
-    base: TimeBase,
-    place: Place,
-    refuse: Refuse,
-    notes: list[str],
-) -> Timeline:
-    same = np.diff(stamps_s) == 0
-    if same.any() and base.repeated == "refuse":
-        at = int(rows[int(np.argmax(same)) + 1])
-        raise refuse(f"repeats a stamp at {place(at)}", 'give [time] repeated = "last" or "first"')
-    if same.any():
-        is_last = base.repeated == "last"
-        kept = np.append(~same, True) if is_last else np.insert(~same, 0, True)
-        notes.append(f"{int(same.sum())} stamps were there twice; the {base.repeated} was kept")
-        stamps_s, rows = stamps_s[kept], rows[kept]
-    return Timeline(stamps_s, rows)
+def is_set_back(stamps_s: Vector) -> bool:
+    """Whether a clock that falls goes on from there, where messages that swap places catch up.
+
+    Messages that came in another order are behind the newest stamp for a few rows; behind a clock
+    that was set back, or that began again, are all those of a stretch.
+    """
+    is_behind = stamps_s < np.maximum.accumulate(stamps_s)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_behind, [False]]).astype(int)))
+    return bool(len(edges)) and int((edges[1::2] - edges[::2]).max()) > _SWAPPED_ROWS
+
+
+def _advice_on_falls(stamps_s: Vector) -> str:
+    if is_set_back(stamps_s):
+        return (
+            'give [time] falling = "split" where the clock was set back or a log begins again, or'
+            ' "sort" where a file holds one stream after the other'
+        )
+    return 'give [time] falling = "sort", or "split" where another recording begins'
+
+
+def on_repeats(
+    line: Timeline, columns: Sequence[Vector], base: TimeBase, place: Place, refuse: Refuse
+) -> list[str]:
+    """Remarks on the rows that share a stamp; those of one column contradict each other."""
+    if len(line.starts) == len(line.order):
+        return []
+    rows = np.diff(np.append(line.starts, len(line.order)))
+    again = np.zeros(len(rows), dtype=np.intp)
+    for values in columns:
+        counts = line.numbers(values)
+        if base.repeated == "refuse" and (counts > 1).any():
+            at = _second_row(line, values, int(np.argmax(counts > 1)))
+            advice = 'give [time] repeated = "last" or "first"'
+            raise refuse(f"repeats a stamp at {place(at)}", advice)
+        again = np.maximum(again, counts - 1)
+    merged = int((rows - 1 > again).sum())
+    notes = [f"{merged} stamps have rows that fill different columns; they were merged"]
+    doubled = [f"{int(again.sum())} stamps were there twice; the {line.keeps} was kept"]
+    return (notes if merged else []) + (doubled if again.any() else [])
+
+
+def _second_row(line: Timeline, values: Vector, stamp: int) -> int:
+    """The row of the log with the second number that a column has at a stamp."""
+    end = line.starts[stamp + 1] if stamp + 1 < len(line.starts) else len(line.order)
+    rows = line.order[line.starts[stamp] : end]
+    return int(rows[~np.isnan(values[rows])][1])
 
 
 def between_falls(stamps_s: Vector) -> list[slice]:

@@ -31,7 +31,8 @@ _RATE_TOLERANCE = 0.01
 class Log:
     """A recording at the system's rate: inputs (i, n), outputs (m, n), NaN where not measured.
 
-    Inputs are the means of the `rows` that a sample has; `driving` (i, n · steps) is what they are
+    Inputs are the means of the `rows` that a sample has, outputs the newest reading since the
+    sample before; `driving` (i, n · steps) is what they are
     in every step of the model, between the samples too.
     """
 
@@ -94,7 +95,7 @@ def _log(system: System, recording: Recording) -> Log:
     driving = [
         _driving(system, i, row, every) for i, row in zip(system.inputs, logged, strict=True)
     ]
-    outputs = [_column(recording, o.name)[: n * every : every] for o in system.outputs]
+    outputs = [_readings(_column(recording, o.name)[: n * every], every) for o in system.outputs]
     for output, values in zip(system.outputs, outputs, strict=True):
         if np.isfinite(values).sum() < 2:
             raise UnusableInput(
@@ -107,6 +108,14 @@ def _log(system: System, recording: Recording) -> Log:
         np.array(driving).reshape(len(inputs), n * system.steps),
         every,
     )
+
+
+def _readings(rows: FloatArray, every: int) -> FloatArray:
+    """Of each sample's rows up to its own, the newest reading that was measured."""
+    before = np.full(every - 1, np.nan)
+    each = np.concatenate([before, rows])[: len(rows)].reshape(-1, every)
+    newest = every - 1 - np.argmax(np.isfinite(each[:, ::-1]), axis=1)
+    return np.asarray(each[np.arange(len(each)), newest])
 
 
 def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:

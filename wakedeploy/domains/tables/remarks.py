@@ -1,0 +1,94 @@
+"""What is said of the columns of a log: once for each, however many pieces the log has.
+
+In: a column in a piece. Out: sentences with the numbers of all pieces together.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wakedeploy.domains.tables.resampling import refreshed, stale
+from wakedeploy.domains.tables.series import Series
+
+Vector = NDArray[np.float64]
+
+
+@dataclass
+class _Tally:
+    """What was seen of a column in the pieces so far."""
+
+    column: Series
+    rows: int = 0
+    blank: int = 0
+    ticks: int = 0
+    fresh: int = 0
+    silent_s: float = 0.0
+
+
+@dataclass
+class Remarks:
+    """Tallies by the column's name."""
+
+    _tallies: dict[str, _Tally] = field(default_factory=dict)
+
+    def read(self, column: Series) -> None:
+        """Count the rows of a column, and those without a number."""
+        tally = self._of(column)
+        tally.rows += len(column.values)
+        tally.blank += int(np.isnan(column.values).sum())
+
+    def brought(self, column: Series, ticks_s: Vector) -> None:
+        """Count the ticks of a column, those with a new sample, and the longest silence."""
+        if column.is_event:
+            return
+        tally = self._of(column)
+        of_numbers_s, _ = column.with_numbers()
+        stamps_s = of_numbers_s if column.is_reading else column.times.stamps_s
+        tally.ticks += len(ticks_s)
+        tally.fresh += int(refreshed(of_numbers_s, ticks_s).sum())
+        newest, last = np.searchsorted(stamps_s, (ticks_s[0], ticks_s[-1]), side="right")
+        inside_s = stamps_s[max(int(newest) - 1, 0) : int(last)]  # gaps between pieces tell nothing
+        if stale(inside_s, ticks_s).any():
+            steps_s = np.diff(np.append(inside_s, ticks_s[-1]))
+            tally.silent_s = max(tally.silent_s, float(steps_s.max(initial=0.0)))
+
+    def sentences(self) -> Iterator[str]:
+        """A sentence for each column and thing that was noticed."""
+        for tally in self._tallies.values():
+            place = tally.column.place
+            for said in (_on_blanks(tally), tally.column.wanted.doubt, _on_ticks(tally)):
+                if said:
+                    yield f"{place.log.path}, column {place.address!r}: {said}"
+
+    def _of(self, column: Series) -> _Tally:
+        return self._tallies.setdefault(column.name, _Tally(column))
+
+
+def _on_blanks(tally: _Tally) -> str:
+    column = tally.column
+    if column.wanted.column.missing != "hold" or not tally.blank:
+        return ""
+    if column.is_reading:
+        if tally.ticks:
+            return ""  # the ticks say it
+        there = tally.rows - tally.blank
+        return f"{there} of {tally.rows} samples have a number; the others are not measured"
+    counts = ", and counts as measured" if _is_output(column) else ""
+    return f"{tally.blank} samples have no number; the last one is held{counts}"
+
+
+def _on_ticks(tally: _Tally) -> str:
+    silent = f"silent for {tally.silent_s:.3g} s and less" if tally.silent_s else ""
+    told = f"{tally.fresh} of {tally.ticks} ticks have a new sample"
+    if tally.fresh < tally.ticks and tally.column.is_reading:
+        return "; ".join(filter(None, (silent, f"{told}; the others are not measured")))
+    if tally.fresh < tally.ticks and _is_output(tally.column):
+        held = "the last sample is held, and counts as measured at the others"
+        return "; ".join(filter(None, (silent, told, held)))
+    return f"{silent}; the last sample is held" if silent else ""
+
+
+def _is_output(column: Series) -> bool:
+    return "output" in column.wanted.column.roles
