@@ -243,6 +243,13 @@ def test_a_log_that_needs_a_columns_file_says_how_to_begin_one(folder, foreign):
     assert f"data import table {foreign} --guess --columns columns.toml" in told
 
 
+def test_a_folder_is_told_of_its_columns_file(folder, tmp_path):
+    words = ["check", str(folder / "my_robot.py"), "--measured", str(tmp_path)]
+    told = str(CliRunner().invoke(command, words).exception)
+    assert told.startswith(f"{tmp_path} is a folder, not a CSV file; say by --columns what it hold")
+    assert f"wakedeploy data import table {tmp_path} --guess --columns columns.toml" in told
+
+
 def test_a_column_without_the_systems_name_says_where_to_name_it(folder, foreign, tmp_path):
     (tmp_path / "c.toml").write_text(COLUMNS.format(name="motor_mv"))
     told = _simulated(folder, "--measured", foreign, "--columns", tmp_path / "c.toml")

@@ -41,6 +41,8 @@ def read_plain(path: Path, system: System) -> Recording:
 
     Raises UnusableInput for a file that is not so; a `columns.toml` then says what it holds.
     """
+    if path.is_dir():
+        raise UnusableInput(f"{path} is a folder, not a CSV file; {_by_columns(path)}")
     try:
         with path.open(encoding="utf-8") as file:
             names = [n.strip().strip('"') for n in file.readline().split(",")]
