@@ -21,6 +21,7 @@ Role = Literal["input", "output", "observation", "force", "unused"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
 Address = Annotated[str, StringConstraints(min_length=1, max_length=300)]
 _MOST_HZ = 1e5
+_LARGEST_SHIFT_S = 1e10  # three hundred years: between a clock since 1970 and one since a start
 
 
 class _Table(pydantic.BaseModel):
@@ -149,6 +150,8 @@ class Column(_Table):
     time: Address | None = None
     """Its own column of stamps, where [time] is that of others."""
     time_unit: str | None = None
+    shift_s: float = Field(default=0.0, ge=-_LARGEST_SHIFT_S, le=_LARGEST_SHIFT_S)
+    """Added to its stamps: where its clock is another, or it is known to come late (then < 0)."""
     file: Address | None = None
     """The file within a folder, where a recording is a folder of files."""
 

@@ -5,7 +5,7 @@ without a hole.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Columns
+from wakedeploy.domains.tables.diagnosis import (
+    far_apart,
+    no_stretch,
+    require_common_time,
+    require_likely_rate,
+)
 from wakedeploy.domains.tables.log import Clock, Log, Values, is_log, open_log, require_size
 from wakedeploy.domains.tables.pieces import (
     Stretch,
@@ -62,7 +68,11 @@ class FileReader:
         raw = self._raw(places.values())
         self.notes += [note for log in self._logs.values() for note in log.notes]
         count = 0
+        longest: list[Series] = []
         for series in self._sessions(places, raw):
+            longest = max(longest, series, key=_samples)
+            require_likely_rate(series, self.columns)
+            require_common_time(series)
             for start_s, end_s in self._stretches(series):
                 made = self._recording(series, start_s, end_s, count)
                 if made is not None:
@@ -70,10 +80,8 @@ class FileReader:
                     yield made
         self.notes += self._remarks.sentences()
         if not count:
-            raise UnusableInput(
-                f"{self.path}: has no stretch in which all columns have samples; look at its gaps"
-                " and missing values, or use fewer columns."
-            )
+            raise no_stretch(self.path, longest, self.columns)
+        self.notes += far_apart(longest)
 
     # --- what stands where
 
@@ -250,7 +258,8 @@ class FileReader:
             at = int(times.rows[int(np.argmax(absent))])
             reason = f"has no number in {place.row(at)}"
             raise place.refused(reason, wanted.advice_on_missing)
-        column = Series(wanted, place, times, values)
+        shifted_s = times.stamps_s + wanted.column.shift_s
+        column = Series(wanted, place, replace(times, stamps_s=shifted_s), values)
         self._remarks.read(column)
         return column
 
@@ -267,18 +276,19 @@ class FileReader:
     def _covered(self, column: Series) -> list[Stretch]:
         stamps_s, gap_s = column.times.stamps_s, self.columns.split.gap_s
         values = column.values
-        is_good = ~np.isnan(values)
+        is_good = is_number = ~np.isnan(values)
         if column.is_event:
             return from_first(stamps_s, is_good)
         missing = column.wanted.column.missing
         if missing == "nan":
             is_good = np.ones(len(stamps_s), dtype=bool)
         if missing == "hold":
-            stamps_s, values, is_good = stamps_s[is_good], values[is_good], is_good[is_good]
+            stamps_s, values = stamps_s[is_number], values[is_number]
+            is_good = is_number = is_number[is_number]
         silent = None
         if self.columns.resample and gap_s is None:
             is_drive = set(column.wanted.column.roles) == {"input"}
-            silent = longest_silence(stamps_s, values if is_drive else None)
+            silent = longest_silence(stamps_s, is_number, values if is_drive else None)
         if silent is not None:
             length_s = stamps_s[silent] - stamps_s[silent - 1]
             reason = f"is silent for {length_s:.3g} s from {stamps_s[silent - 1]:.6g} s on"
@@ -348,8 +358,9 @@ class FileReader:
     ) -> tuple[Vector, dict[str, Vector]]:
         how = self.columns.resample
         assert how is not None
+        half_s = 0.5 / how.rate_hz  # stamps that jitter may lie before the first tick
         clocks_s = [s.with_numbers()[0] for s in series if not s.is_event]
-        inside_s = [c[(c >= start_s) & (c <= end_s)] for c in clocks_s]
+        inside_s = [c[(c >= start_s - half_s) & (c <= end_s + half_s)] for c in clocks_s]
         if max(map(len, inside_s), default=0) < 2 or (end_s - start_s) * how.rate_hz > 1e8:
             return np.empty(0), {}
         ticks_s = even_ticks(inside_s, start_s, end_s, how.rate_hz)
@@ -358,6 +369,10 @@ class FileReader:
         for column in series:
             self._remarks.brought(column, ticks_s)
         return ticks_s, {column.name: column.at_ticks(ticks_s, how) for column in series}
+
+
+def _samples(series: Sequence[Series]) -> int:
+    return sum(len(column.values) for column in series)
 
 
 def _gap_between(usual_s: float, silent_s: float) -> str:

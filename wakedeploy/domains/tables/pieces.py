@@ -46,19 +46,24 @@ def common(first: list[Stretch], other: list[Stretch]) -> list[Stretch]:
     return found
 
 
-def longest_silence(stamps_s: Vector, drive: Vector | None = None) -> int | None:
+def longest_silence(
+    stamps_s: Vector, is_number: NDArray[np.bool_], drive: Vector | None = None
+) -> int | None:
     """The sample after a silence that looks like a gap; None where there is none.
 
+    Before a column's first number and after its last, rows are those of others, and tell of no gap.
     What drives a system must be known: where the values of a `drive` are others after a silence,
     it is a gap however short it is in seconds.
     """
     steps_s = np.diff(stamps_s)
-    if not len(steps_s):
+    if not len(steps_s) or not is_number.any():
         return None
     bound_s = max(_SILENT_S, _SILENT_STEPS * float(np.median(steps_s)))
     gaps_s = np.where(steps_s > bound_s, steps_s, 0.0)
     if drive is not None:
         is_long = steps_s > _SILENT_STEPS * usual_step_s(steps_s)
         gaps_s = np.where(is_long & (np.diff(drive) != 0.0), steps_s, gaps_s)
+    first, last = np.flatnonzero(is_number)[[0, -1]]
+    gaps_s[:first], gaps_s[last:] = 0.0, 0.0
     at = int(np.argmax(gaps_s))
     return at + 1 if gaps_s[at] > 0.0 else None

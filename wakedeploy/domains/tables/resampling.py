@@ -37,7 +37,9 @@ def _lateness_s(stamps_s: Vector, ticks_s: Vector, rate_hz: float) -> float:
 
     A slower clock has a tick for each stamp, a faster one a stamp for each tick.
     """
-    step_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 0.0
+    if len(stamps_s) < 2:
+        return 0.0
+    step_s = float(np.median(np.diff(stamps_s)))
     if step_s * rate_hz > 1.0 + _NEAR:
         off_s, step_s = stamps_s - _nearest(ticks_s, stamps_s), 1.0 / rate_hz
     else:
