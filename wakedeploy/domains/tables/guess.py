@@ -6,8 +6,8 @@ reading refuses it by name.
 """
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,31 +16,25 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import si_unit
 from wakedeploy.domains.tables.columns import Delimited
-from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log
-from wakedeploy.domains.tables.resampling import unevenness
-from wakedeploy.domains.tables.stamps import (
-    as_floats,
-    as_numbers,
-    in_seconds,
-    origin_s,
-    seconds_in,
-    whole_start_s,
+from wakedeploy.domains.tables.guess_clock import (
+    MOST_COLUMNS,
+    Timing,
+    on_falls,
+    own_timing,
+    pace_of,
+    plain_line,
+    resampled,
+    sampled_of,
+    timing_of,
+    toml,
 )
+from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log
+from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
 
-_MOST_COLUMNS = 400
 _SHORT_RUN = 2.0  # rows with a number; longer runs are of one clock, with samples that are lost
-_LATEST_S = 1e12
-_LIKELY_HZ = (0.05, 50_000.0)
-_TIME_NAMES = (
-    r"t|time|times?tamp|stamps?|t_s|time_s|sec|secs|seconds|zeit|clock",
-    r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
-    r".*time.*|.*stamp.*",
-)
-_LARGEST = 1e30  # of a stamp; no damaged file overflows
-_FEW_STAMPS, _EVEN = 10, 0.5  # fewer say nothing; spread of most steps over the usual one
-_FORMS = ("iso", "%Y-%m-%d %H:%M:%S:%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S")
+_MANY_ROWS, _MOST = 5000, 0.9  # that are looked at; a share that is nearly all
 _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"gyro.*rad(\[\d\])?$|_rad_?p?e?r?_?s$|rad/s", "rad/s"),
     (r"_m_s2?(\[\d\])?$", "m/s^2"), (r"_mps2$", "m/s^2"), (r"_mps$", "m/s"),
@@ -52,17 +46,18 @@ _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
 )  # fmt: skip
-_RATE_NAMES, _STEP_NAMES = ("fs", "rate", "rate_hz", "sample_rate", "f_s"), ("ts", "dt", "t_s")
 
 
 @dataclass(frozen=True)
-class _Timing:
-    """What was seen of the clock: lines for the file, and the rate that it shows."""
+class _File:
+    """A log, alone or in a folder, with what was seen of it."""
 
-    lines: tuple[str, ...]
-    column: str | None = None
-    resampling: tuple[str, ...] = ()
-    gap_s: float | None = None
+    name: str
+    log: Log
+    fields: Sequence[Field]
+    has_own_clock: bool
+    timing: Timing
+    values: Mapping[str, Values]
 
 
 def guess_columns(path: Path | str, csv: Delimited | None = None) -> str:
@@ -85,12 +80,18 @@ def guess_columns(path: Path | str, csv: Delimited | None = None) -> str:
 
 
 def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
-    fields = {name: _numeric(log) for name, log in logs}
-    own_clock = next(
-        (log for name, log in logs for f in fields[name] if log.clock_of(f.name)), None
-    )
-    first = next((log for name, log in logs if fields[name]), logs[0][1])
-    timing = _own_timing(first) if own_clock else _timing(first, first.fields())
+    files = [_seen(name, log) for name, log in logs]
+    first = next((file for file in files if file.fields), files[0])
+    timing, resampling = first.timing, tuple[str, ...]()
+    if first.has_own_clock:
+        timing, resampling = own_timing(first.log, first.fields)
+    lines, gap_s = [*timing.lines], None
+    if timing.stamps_s is not None:
+        falls = on_falls(timing.stamps_s, first.values)
+        lines += [f'falling = "{falls[0]}"  # ? {falls[1]}'] if falls else []
+        is_even, gap_s = pace_of(timing.stamps_s, falls is not None and falls[0] == "split")
+        if not is_even or any(_differs(file.timing, timing) for file in files):
+            resampling = resampled(s for f in files for s in sampled_of(f.name, f.timing, f.values))
     head = [
         f"# What the columns of {path.name} mean, as far as it can be seen. Lines with a question",
         "# mark are guesses. Give the columns that you need a role: input, output, observation or",
@@ -98,234 +99,52 @@ def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
         "version = 1",
         "",
         "[time]",
-        *timing.lines,
-        *timing.resampling,
+        *lines,
+        *resampling,
     ]
-    if timing.gap_s is not None:
-        head += ["", "[split]", f"gap_s = {timing.gap_s:g}  # ? longer silences are in this log"]
+    if gap_s is not None:
+        head += ["", "[split]", f"gap_s = {gap_s:g}  # ? longer silences are in this log"]
     if form != Delimited():
         stated = form.model_dump(exclude_defaults=True)
-        head += ["", "[csv]", *(f"{key} = {_toml(value)}" for key, value in stated.items())]
+        head += ["", "[csv]", *(f"{key} = {toml(value)}" for key, value in stated.items())]
     taken: set[str] = set()
-    entries = [
-        line
-        for name, log in logs
-        for line in _entries(name, log, fields[name], timing.column, taken)
-    ]
+    entries = [line for file in files for line in _entries(file, timing, taken)]
     if not entries:
         raise UnusableInput(f"{path}: holds no column of numbers; give another file.")
     return "\n".join([*head, *entries]) + "\n"
+
+
+def _differs(one: Timing, other: Timing) -> bool:
+    """Whether two files of a folder have clocks that do not tell the same."""
+    if one.stamps_s is None or other.stamps_s is None:
+        return False
+    return not np.array_equal(one.stamps_s, other.stamps_s)
+
+
+def _seen(name: str, log: Log) -> _File:
+    """A log with its clock, and the numbers of the columns that are listed."""
+    fields = _numeric(log)
+    has_own_clock = any(log.clock_of(field.name) for field in fields)
+    timing = Timing(()) if has_own_clock else timing_of(log, log.fields())
+    listed = [field for field in fields[:MOST_COLUMNS] if field.name != timing.column]
+    return _File(name, log, fields, has_own_clock, timing, _all_values(log, listed))
 
 
 def _numeric(log: Log) -> list[Field]:
     return [field for field in log.fields() if field.example is not None]
 
 
-# --- the clock
-
-
-def _own_timing(log: Log) -> _Timing:
-    """For logs whose topics have clocks of their own: a rate to which all are brought."""
-    topics: dict[str, str] = {}
-    for field in _numeric(log):
-        topics.setdefault(field.topic, field.name)
-    lines = ["# Each topic has its own clock, as the log keeps it:"]
-    rates = []
-    for topic, address in topics.items():
-        clock = log.clock_of(address)
-        if clock is None:
-            continue
-        stamps = log.read([clock.address], [clock.address])[clock.address]
-        stamps_s = in_seconds(stamps, seconds_in(clock.unit), 0)
-        if not (np.abs(stamps_s) < _LATEST_S).all():
-            continue
-        steps_s = np.diff(stamps_s)
-        if not len(steps_s) or float(np.median(steps_s)) <= 0:
-            continue
-        rate_hz = 1.0 / float(np.median(steps_s))
-        rates.append(rate_hz)
-        lines.append(f"#   {_plain_line(topic)}: {rate_hz:.3g} Hz, {np.ptp(stamps_s):.4g} s")
-    fast = [rate for rate in rates if rate >= 10.0] or rates or [100.0]
-    rate = float(f"{float(np.median(fast)):.2g}")
-    return _Timing(tuple(lines), None, _resampled(rate))
-
-
-def _timing(log: Log, fields: Sequence[Field]) -> _Timing:
-    for pattern in _TIME_NAMES:
-        for field in fields:
-            bare = re.sub(r"\s*[(\[][^()\[\]]*[)\]]\s*$", "", field.name).strip().lower()
-            if re.fullmatch(pattern, bare) and (found := _clock(log, field)) is not None:
-                return found
-    return _stated_rate(log, fields)
-
-
-def _clock(log: Log, field: Field) -> _Timing | None:
-    """A field as the clock; None where it does not rise."""
-    try:
-        values = log.read([field.name], [field.name])[field.name]
-    except UnusableInput:
-        return None
-    lines = [f"column = {_toml(field.name)}"]
-    form = None
-    if values.dtype == object:
-        form = _form(values)
-        if form is None:
-            return None
-        lines.append(f"format = {_toml(form)}  # ?")
-    numbers = as_numbers(values, form, str, _never)
-    if numbers.dtype.kind == "M":
-        numbers, form = numbers.astype("datetime64[ns]").astype(np.int64), "datetime64"
-    unit, is_guess = ("ns", False) if form else _time_unit(numbers, field)
-    if unit is None:
-        return None
-    if form is None:
-        lines.append(f"unit = {_toml(unit)}" + ("  # ?" if is_guess else ""))
-    start_s = whole_start_s(numbers, seconds_in(unit))
-    stamps_s = in_seconds(numbers, seconds_in(unit), origin_s([start_s or 0]))
-    if not (np.abs(stamps_s) < _LATEST_S).all():
-        return None
-    return _seen(stamps_s, field.name, lines)
-
-
-def _seen(stamps_s: Vector, column: str, lines: list[str]) -> _Timing | None:
-    """What a clock shows: its rate, falls, doubles and gaps."""
-    steps_s = np.diff(stamps_s)
-    rising = steps_s[steps_s > 0]
-    if len(rising) < 0.5 * len(steps_s) or not len(rising):
-        return None
-    usual_s = float(np.median(rising))
-    lines.append(f"# about {1 / usual_s:.4g} Hz, {np.ptp(stamps_s):.4g} s")
-    if (steps_s < 0).any():
-        lines.append('falling = "sort"  # ? some stamps fall; "split" where a log begins again')
-    ordered = np.unique(stamps_s)
-    is_even = unevenness(ordered) is None and len(ordered) == len(stamps_s)
-    gaps = np.diff(ordered) > max(1.0, 10.0 * usual_s)
-    gap_s = float(f"{max(1.0, 10.0 * usual_s):.2g}") if gaps.any() else None
-    resampling = () if is_even else _resampled(float(f"{1 / usual_s:.2g}"))
-    return _Timing(tuple(lines), column, resampling, gap_s)
-
-
-def _resampled(rate_hz: float) -> tuple[str, ...]:
-    return (
-        "",
-        "[resample]",
-        f"rate_hz = {rate_hz:g}  # ? all columns are brought to it",
-        'method = "hold"  # or "low-pass", which no sample of the future passes',
-    )
-
-
-def _stated_rate(log: Log, fields: Sequence[Field]) -> _Timing:
-    """A rate that stands in the log as a number, or a place for one."""
-    for field in fields:
-        name = field.name.lower()
-        if field.example is None or name not in (*_RATE_NAMES, *_STEP_NAMES):
-            continue
-        first = _first_number(log, field)
-        if first is not None and first > 0:
-            rate = first if name in _RATE_NAMES else 1.0 / first
-            return _Timing((f"rate_hz = {rate:g}  # ? from {_toml(field.name)}",))
-    by_unit = sorted(fields[:_MOST_COLUMNS], key=lambda field: not _unit_in(field.name))
-    for field in by_unit:
-        if _rises_evenly(log, field) and (found := _clock(log, field)) is not None:
-            column, *more = found.lines
-            return replace(found, lines=(f"{column}  # ? it rises evenly", *more))
-    return _Timing(("rate_hz = 0  # not found in the log: give the samples a second",))
-
-
-def _rises_evenly(log: Log, field: Field) -> bool:
-    """Whether a column is a clock by what it does: hardly anything else rises by even steps."""
-    try:
-        values = log.read([field.name], [field.name])[field.name]
-    except UnusableInput:
-        return False
-    if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
-        return False
-    numbers = as_floats(values)
-    if not (np.abs(numbers) < _LARGEST).all():
-        return False
-    steps = np.diff(numbers)
-    low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
-    is_count = bool((steps == 1.0).all())  # of samples, as a table's index
-    return not is_count and bool((steps > 0).all() and usual > 0 and high - low < _EVEN * usual)
-
-
-def _first_number(log: Log, field: Field) -> float | None:
-    try:
-        values = log.read([field.name], [])[field.name]
-    except UnusableInput:
-        return None
-    return float(values[0]) if len(values) and np.isfinite(values[0]) else None
-
-
-def _unit_in(name: str) -> str | None:
-    """The unit of time that a name ends with."""
-    ends = re.search(r"_(s|ms|us|ns|min)$", name)
-    if ends:
-        return ends[1]
-    return "min" if re.search(r"(^|_)minutes?$", name.lower()) else None
-
-
-def _time_unit(values: Values, field: Field) -> tuple[str | None, bool]:
-    """The unit that the log states, or the one in which the steps are likely."""
-    stated = field.unit or _unit_in(field.name)
-    if stated is not None:
-        try:
-            seconds_in(stated)
-            return stated, False
-        except ValueError:
-            pass
-    if values.dtype.kind == "M":
-        return "ns", False
-    numbers = as_floats(values)
-    if len(numbers) < 2 or not (np.abs(numbers) < _LARGEST).all():
-        return None, False
-    steps = np.diff(numbers)
-    rising = steps[steps > 0]
-    if len(rising) < 0.5 * len(steps) or not len(rising):
-        return None, False
-    step = float(np.median(rising))
-    low, high = _LIKELY_HZ
-    for unit in ("s", "ms", "us", "ns"):
-        if low <= 1.0 / (step * float(seconds_in(unit))) <= high:
-            return unit, True
-    return None, False
-
-
-def _form(values: Values) -> str | None:
-    from datetime import datetime
-
-    for form in _FORMS:
-        try:
-            for text in (str(values[0]), str(values[-1])):
-                if form == "iso":
-                    datetime.fromisoformat(text)
-                else:
-                    datetime.strptime(text, form)
-        except ValueError:
-            continue
-        return form
-    return None
-
-
-def _never(reason: str, advice: str) -> UnusableInput:
-    return UnusableInput(f"The clock {reason}; {advice}.")
-
-
 # --- the columns
 
 
-def _entries(
-    file: str, log: Log, fields: Sequence[Field], clock: str | None, taken: set[str]
-) -> Iterator[str]:
-    if len(fields) > _MOST_COLUMNS:
-        yield f"\n# {len(fields) - _MOST_COLUMNS} more columns are not listed."
-    chosen = [field for field in fields[:_MOST_COLUMNS] if field.name != clock]
-    values = _all_values(log, chosen)
-    for field in chosen:
-        seen = values.get(field.name)
-        if seen is None or not len(seen) or len(seen) < 2:
+def _entries(file: _File, base: Timing, taken: set[str]) -> Iterator[str]:
+    if len(file.fields) > MOST_COLUMNS:
+        yield f"\n# {len(file.fields) - MOST_COLUMNS} more columns are not listed."
+    for field in file.fields:
+        seen = file.values.get(field.name)
+        if seen is None or len(seen) < 2:
             continue
-        yield from _entry(file, field, seen, taken)
+        yield from _entry(file, base, field, seen, taken)
 
 
 def _all_values(log: Log, fields: Sequence[Field]) -> dict[str, Values]:
@@ -343,7 +162,9 @@ def _all_values(log: Log, fields: Sequence[Field]) -> dict[str, Values]:
     return found
 
 
-def _entry(file: str, field: Field, values: Values, taken: set[str]) -> Iterator[str]:
+def _entry(
+    file: _File, base: Timing, field: Field, values: Values, taken: set[str]
+) -> Iterator[str]:
     numbers = as_floats(values) if values.dtype.kind in "fiub" else np.empty(0)
     there = numbers[np.isfinite(numbers)]
     if not len(there):
@@ -351,18 +172,48 @@ def _entry(file: str, field: Field, values: Values, taken: set[str]) -> Iterator
     unit, remark = _unit(field)
     yield ""
     yield f"[columns.{_name(field.name, taken)}]  # {_range(there)}"
-    yield f"column = {_toml(field.name)}"
-    if file:
-        yield f"file = {_toml(file)}"
+    yield f"column = {toml(field.name)}"
+    if file.name:
+        yield f"file = {toml(file.name)}"
+    own = (file.timing.column, file.timing.unit)
+    if own[0] is not None and own != (base.column, base.unit):
+        yield f"time = {toml(own[0])}"
+        if own[1] is not None:
+            yield f"time_unit = {toml(own[1])}"
     yield 'role = "unused"'
-    yield f"unit = {_toml(unit)}{remark}"
+    yield f"unit = {toml(unit)}{remark}"
     if unit != si_unit(unit) and field.name.lower().endswith(f"_{unit.lower()}"):
-        yield f"to = {_toml(unit)}  # as its name says"
+        yield f"to = {toml(unit)}  # as its name says"
     if len(there) < len(numbers):
-        if _usual_run(np.isfinite(numbers)) <= _SHORT_RUN:
-            yield 'missing = "hold"  # ? a number in some rows only; "nan" for a sensor'
+        if _is_of_a_stream(file, field.name):
+            yield 'missing = "hold"  # ? a number in some rows only, as rows of others lie between'
         else:
             yield 'missing = "split"  # ? some samples have no number; "nan" for a sensor'
+
+
+def _is_of_a_stream(file: _File, name: str) -> bool:
+    """Whether rows without a number are those of other streams, and not samples that are lost.
+
+    Another column has its numbers in just those rows, or there are never more than a few in a row.
+    """
+    is_there = np.isfinite(as_floats(file.values[name]))
+    if _usual_run(is_there[_in_order(file.timing, len(is_there))]) <= _SHORT_RUN:
+        return True
+    some = slice(None, None, max(len(is_there) // _MANY_ROWS, 1))
+    here = is_there[some]
+    for other, values in file.values.items():
+        if other != name and values.dtype.kind in "fiub" and len(values) == len(is_there):
+            there = np.isfinite(as_floats(values[some]))
+            if there[~here].mean() > _MOST and there[here].mean() < 1.0 - _MOST:
+                return True
+    return False
+
+
+def _in_order(timing: Timing, count: int) -> NDArray[np.intp]:
+    """Rows as they come once they are sorted, where a file's streams stand one after the other."""
+    if timing.stamps_s is None or len(timing.stamps_s) != count:
+        return np.arange(count)
+    return np.argsort(timing.stamps_s, kind="stable")
 
 
 def _usual_run(is_there: NDArray[np.bool_]) -> float:
@@ -386,7 +237,7 @@ def _unit(field: Field) -> tuple[str, str]:
             si_unit(field.unit)
             return field.unit, ""
         except ValueError:
-            return "1", f"  # ? the log says {_plain_line(field.unit)}, which is not known"
+            return "1", f"  # ? the log says {plain_line(field.unit)}, which is not known"
     for pattern, unit in _UNITS_BY_NAME:
         if re.search(pattern, field.name.lower()):
             return unit, "  # ? by its name"
@@ -403,14 +254,3 @@ def _name(address: str, taken: set[str]) -> str:
         name, count = f"{plain[:56]}_{count}", count + 1
     taken.add(name)
     return name
-
-
-def _toml(value: object) -> str:
-    """A value as TOML has it."""
-    import tomli_w
-
-    return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
-
-
-def _plain_line(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)[:80]

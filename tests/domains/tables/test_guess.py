@@ -1,0 +1,113 @@
+"""A first columns.toml: the clock, the rate and what blanks mean, guessed and then read."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.reading import read_recordings
+
+ROLES = {"cmd": "input", "q": "output"}
+
+
+def table(path: Path, **columns: Any) -> Path:
+    header = ",".join(columns)
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(path, rows, "%.6f", ",", header=header, comments="")
+    return path
+
+
+def read(path: Path, guessed: str) -> tuple[Recording, ...]:
+    """What a guess gives once its columns have the roles of their names."""
+    for name, role in ROLES.items():
+        head, found, tail = guessed.partition(f"[columns.{name}]")
+        guessed = head + found + tail.replace('"unused"', f'"{role}"', 1)
+    return read_recordings([path], parse_columns(guessed)).recordings
+
+
+def test_a_clock_that_is_set_back_begins_another_recording(tmp_path: Path) -> None:
+    t = np.arange(1000) / 50
+    t[600:] -= 5.0
+    path = table(tmp_path / "log.csv", t=t, q=np.arange(1000))
+    plain = 'version = 1\n[time]\ncolumn = "t"\n[columns.q]\ncolumn = "q"\nrole = "output"\n'
+    with pytest.raises(UnusableInput, match='falling = "split" where the clock was set back'):
+        read(path, f'{plain}unit = "1"\n')
+    guessed = guess_columns(path)
+    assert 'falling = "split"  # ? set back by 4.98 s, it goes on' in guessed
+    first, second = read(path, guessed)
+    assert first.columns["q"].tolist() == list(range(600))
+    assert second.columns["q"].tolist() == list(range(600, 1000))
+
+
+def test_messages_that_swap_places_are_sorted_and_it_is_said_how_far(tmp_path: Path) -> None:
+    t = np.arange(1000) / 50
+    t[[100, 101, 102, 700, 701]] = t[[102, 101, 100, 701, 700]]
+    path = table(tmp_path / "log.csv", t=t, q=50 * t)
+    guessed = guess_columns(path)
+    assert 'falling = "sort"  # ? messages swapped places, by up to 0.04 s' in guessed
+    (one,) = read(path, guessed)
+    assert one.columns["q"].tolist() == list(range(1000))
+    roles = guessed.replace('"unused"', '"output"')
+    (note,) = read_recordings([path], parse_columns(roles)).notes
+    assert note.endswith("3 stamps fell and were sorted, by up to 0.04 s")
+
+
+@pytest.mark.parametrize("is_sorted", [True, False])
+def test_streams_in_one_table_are_told_from_lost_samples(is_sorted: bool, tmp_path: Path) -> None:
+    """States at 50 Hz and commands at 20 Hz, a row for each message: every state is measured."""
+    pandas = pytest.importorskip("pandas")
+    t, command_t = np.arange(500) / 50, np.arange(200) / 20
+    commands = pandas.DataFrame({"t": command_t, "cmd": np.sin(command_t)})
+    states = pandas.DataFrame({"t": t, "q": np.cos(t)})
+    both = pandas.concat([commands, states])
+    path = tmp_path / "log.csv"
+    (both.sort_values("t", kind="stable") if is_sorted else both).to_csv(path, index=False)
+    guessed = guess_columns(path)
+    assert guessed.count('missing = "hold"') == 2
+    assert "rate_hz = 50  # ? that of q; inputs are held" in guessed
+    assert ('falling = "sort"  # ? one stream stands after' in guessed) == (not is_sorted)
+    (one,) = read(path, guessed)
+    assert np.array_equal(one.columns["q"], states["q"][: len(one.time_s)])
+
+
+def test_files_with_clocks_of_their_own_are_brought_to_the_rate_of_what_is_measured(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    t, command_t = np.arange(500) / 50, np.arange(2000) / 200
+    table(folder / "cmd.csv", t=command_t, cmd=np.sin(command_t))
+    table(folder / "state.csv", stamp_ms=1000 * t, q=np.arange(500))
+    guessed = guess_columns(folder)
+    assert "rate_hz = 50  # ? that of state.csv q; inputs are held" in guessed
+    assert 'file = "state.csv"\ntime = "stamp_ms"\ntime_unit = "ms"' in guessed
+    assert "[columns.stamp_ms]" not in guessed
+    (one,) = read(folder, guessed)
+    assert one.columns["q"].tolist() == list(range(len(one.time_s)))
+    assert len(one.time_s) > 490
+    table(folder / "state.csv", t=command_t, q=np.arange(2000))
+    assert "[resample]" not in guess_columns(folder)  # one clock
+
+
+def test_topics_are_brought_to_the_rate_of_the_fastest_that_is_measured(tmp_path: Path) -> None:
+    import json
+
+    from mcap.writer import Writer
+
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, rate_hz in (("/arm_cmd", 200), ("/state", 125), ("/battery", 20)):
+            channel = writer.register_channel(topic, "json", 0)
+            for k in range(2 * rate_hz):
+                stamp_ns = k * 10**9 // rate_hz
+                content = json.dumps({"x": 0.1 * k}).encode()
+                writer.add_message(channel, stamp_ns, content, stamp_ns)
+        writer.finish()
+    assert "rate_hz = 125  # ? that of /state" in guess_columns(path)

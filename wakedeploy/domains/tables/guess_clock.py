@@ -1,0 +1,342 @@
+"""When a log's samples were taken, as far as it can be seen: the clock, and a rate for all columns.
+
+In: a log. Out: a `Timing`: lines for [time] of a first `columns.toml`, and the stamps they mean.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.log import Field, Log, Values
+from wakedeploy.domains.tables.resampling import unevenness, usual_step_s
+from wakedeploy.domains.tables.stamps import (
+    as_floats,
+    as_numbers,
+    between_falls,
+    in_seconds,
+    is_set_back,
+    origin_s,
+    seconds_in,
+    whole_start_s,
+)
+
+Vector = NDArray[np.float64]
+
+MOST_COLUMNS = 400
+_LATEST_S = 1e12
+_LIKELY_HZ = (0.05, 50_000.0)
+_TIME_NAMES = (
+    r"t|time|times?tamp|stamps?|t_s|time_s|sec|secs|seconds|zeit|clock",
+    r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
+    r".*time.*|.*stamp.*",
+)
+_LARGEST = 1e30  # of a stamp; no damaged file overflows
+_FEW_STAMPS, _EVEN = 10, 0.5  # fewer say nothing; spread of most steps over the usual one
+_FEW_FALLS, _LONG_RUN = 5, 100  # of a clock that begins again; more falls have rows between them
+_FORMS = ("iso", "%Y-%m-%d %H:%M:%S:%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S")
+_RATE_NAMES, _STEP_NAMES = ("fs", "rate", "rate_hz", "sample_rate", "f_s"), ("ts", "dt", "t_s")
+_COMMANDED = re.compile(  # by its name: what drives a system, and is held between its samples
+    r"(?:^|[^a-z])(?:cmd|command|ctrl|control|set_?point|ref|reference|desired|target|goal|action"
+    r"|input|actuator|u)s?(?:$|[^a-z])"
+)
+_DIGITS = 0.01  # by which a rate may be rounded
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What was seen of a clock: lines for the file, its column and unit, and its stamps."""
+
+    lines: tuple[str, ...]
+    column: str | None = None
+    unit: str | None = None
+    stamps_s: Vector | None = None
+
+
+def own_timing(log: Log, fields: Sequence[Field]) -> tuple[Timing, tuple[str, ...]]:
+    """For logs whose topics have clocks of their own, and the rate to which all are brought."""
+    topics: dict[str, str] = {}
+    for field in fields:
+        topics.setdefault(field.topic, field.name)
+    lines = ["# Each topic has its own clock, as the log keeps it:"]
+    sampled: list[tuple[str, Vector]] = []
+    for topic, address in topics.items():
+        clock = log.clock_of(address)
+        if clock is None:
+            continue
+        stamps = log.read([clock.address], [clock.address])[clock.address]
+        stamps_s = in_seconds(stamps, seconds_in(clock.unit), 0)
+        if not (np.abs(stamps_s) < _LATEST_S).all():
+            continue
+        rate_hz = _usual_hz(stamps_s)
+        if rate_hz is None:
+            continue
+        sampled.append((topic, stamps_s))
+        lines.append(f"#   {plain_line(topic)}: {rate_hz:.3g} Hz, {np.ptp(stamps_s):.4g} s")
+    return Timing(tuple(lines)), resampled(sampled)
+
+
+def timing_of(log: Log, fields: Sequence[Field]) -> Timing:
+    """The clock that a log's fields hold, or the rate that stands in it."""
+    for pattern in _TIME_NAMES:
+        for field in fields:
+            bare = re.sub(r"\s*[(\[][^()\[\]]*[)\]]\s*$", "", field.name).strip().lower()
+            if re.fullmatch(pattern, bare) and (found := _clock(log, field)) is not None:
+                return found
+    for field in fields:  # texts that are dates are a clock, whatever they are called
+        if field.example is None and (found := _clock(log, field)) is not None:
+            return found
+    return _stated_rate(log, fields)
+
+
+def sampled_of(name: str, timing: Timing, values: Mapping[str, Values]) -> list[tuple[str, Vector]]:
+    """The stamps at which each column of a file has a number."""
+    if timing.stamps_s is None:
+        return []
+    found = []
+    for column, numbers in values.items():
+        if numbers.dtype.kind in "fiub" and len(numbers) == len(timing.stamps_s):
+            is_there = np.isfinite(as_floats(numbers))
+            found.append((f"{name} {column}".strip(), timing.stamps_s[is_there]))
+    return found
+
+
+def resampled(sampled: Iterable[tuple[str, Vector]]) -> tuple[str, ...]:
+    """[resample] at the usual rate of the fastest column that is measured.
+
+    An input is held between its samples, whatever the rate. A reading counts once, at the first
+    tick after it: at a lower rate some would be lost, and at a higher one no more are gained.
+    """
+    rates = {name: hz for name, stamps_s in sampled if (hz := _usual_hz(stamps_s)) is not None}
+    measured = {name: hz for name, hz in rates.items() if not _COMMANDED.search(name.lower())}
+    chosen = measured or rates
+    if not chosen:
+        return _resample_lines(100.0, "all columns are brought to it")
+    fastest = max(chosen, key=lambda name: chosen[name])
+    return _resample_lines(
+        chosen[fastest], f"that of {plain_line(fastest)}; inputs are held between samples"
+    )
+
+
+def on_falls(stamps_s: Vector, values: Mapping[str, Values]) -> tuple[str, str] | None:
+    """What to do about stamps that fall, "sort" or "split", and why; None where none do."""
+    if not (np.diff(stamps_s) < 0).any():
+        return None
+    back_s = float((np.maximum.accumulate(stamps_s) - stamps_s).max())
+    if not _begins_again(stamps_s):
+        return "sort", f"messages swapped places, by up to {back_s:.3g} s"
+    if _is_one_after_the_other(stamps_s, values):
+        return "sort", "one stream stands after the other"
+    return "split", f"set back by {back_s:.3g} s, it goes on: sorted, two times would be mixed"
+
+
+def pace_of(stamps_s: Vector, begins_again: bool) -> tuple[bool, float | None]:
+    """Whether a clock, or each of its runs, is even, and the `gap_s` where it has gaps."""
+    steps_s = np.diff(stamps_s)
+    bound_s = max(1.0, 10.0 * float(np.median(steps_s[steps_s > 0])))
+    cuts = between_falls(stamps_s) if begins_again else [slice(None)]
+    runs = [np.unique(stamps_s[cut]) for cut in cuts]
+    is_even = sum(map(len, runs)) == len(stamps_s) and all(
+        len(run) < 2 or unevenness(run) is None for run in runs
+    )
+    has_gap = any((np.diff(run) > bound_s).any() for run in runs)
+    return is_even, float(f"{bound_s:.2g}") if has_gap else None
+
+
+def _begins_again(stamps_s: Vector) -> bool:
+    """Whether a clock that falls was set back, and its stamps rise for long afterwards."""
+    runs = [cut.stop - cut.start for cut in between_falls(stamps_s)]
+    is_long = len(runs) <= _FEW_FALLS + 1 or float(np.median(runs)) >= _LONG_RUN
+    return is_set_back(stamps_s) and is_long
+
+
+def _is_one_after_the_other(stamps_s: Vector, values: Mapping[str, Values]) -> bool:
+    """Whether each column has numbers in one run of stamps only, as tables that were joined."""
+    cuts = between_falls(stamps_s)
+    has_numbers = [
+        sum(bool(np.isfinite(as_floats(numbers[cut])).any()) for cut in cuts)
+        for numbers in values.values()
+        if numbers.dtype.kind in "fiub" and len(numbers) == len(stamps_s)
+    ]
+    return len(has_numbers) > 1 and max(has_numbers) == 1
+
+
+def _clock(log: Log, field: Field) -> Timing | None:
+    """A field as the clock; None where it does not rise."""
+    try:
+        values = log.read([field.name], [field.name])[field.name]
+    except UnusableInput:
+        return None
+    lines = [f"column = {toml(field.name)}"]
+    form = None
+    if values.dtype == object:
+        form = _form(values)
+        if form is None:
+            return None
+        lines.append(f"format = {toml(form)}  # ?")
+    numbers = as_numbers(values, form, str, _never)
+    if numbers.dtype.kind == "M":
+        if np.isnat(numbers).any():
+            return None
+        numbers, form = numbers.astype("datetime64[ns]").astype(np.int64), "datetime64"
+    unit, is_guess = ("ns", False) if form else _time_unit(numbers, field)
+    if unit is None:
+        return None
+    if form is None:
+        lines.append(f"unit = {toml(unit)}" + ("  # ?" if is_guess else ""))
+    start_s = whole_start_s(numbers, seconds_in(unit))
+    stamps_s = in_seconds(numbers, seconds_in(unit), origin_s([start_s or 0]))
+    if not (np.abs(stamps_s) < _LATEST_S).all():
+        return None
+    if (about := _about(stamps_s)) is None:
+        return None
+    lines.append(about)
+    if form == "datetime64":
+        lines.append("# dates and times, which say what they count in: no unit is needed")
+    return Timing(tuple(lines), field.name, None if form else unit, stamps_s)
+
+
+def _about(stamps_s: Vector) -> str | None:
+    """What is said of a clock; None for what does not rise."""
+    steps_s = np.diff(stamps_s)
+    rising = steps_s[steps_s > 0]
+    if len(rising) < 0.5 * len(steps_s) or not len(rising):
+        return None
+    usual_s = float(np.median(rising))
+    return f"# about {1 / usual_s:.4g} Hz, {np.ptp(stamps_s):.4g} s"
+
+
+def _usual_hz(stamps_s: Vector) -> float | None:
+    """The rate in which samples, or bursts of them, usually come; holes between them aside."""
+    steps_s = np.diff(stamps_s)
+    steps_s = steps_s[steps_s > 0]
+    if not len(steps_s):
+        return None
+    return 1.0 / usual_step_s(steps_s[steps_s <= max(1.0, 10.0 * float(np.median(steps_s)))])
+
+
+def _resample_lines(rate_hz: float, reason: str) -> tuple[str, ...]:
+    return (
+        "",
+        "[resample]",
+        f"rate_hz = {_rounded(rate_hz):g}  # ? {reason}",
+        'method = "hold"  # or "low-pass", which no sample of the future passes',
+    )
+
+
+def _rounded(rate_hz: float) -> float:
+    """A rate by the fewest digits that say it."""
+    tries = (float(f"{rate_hz:.{digits}g}") for digits in (1, 2, 3))
+    return next((r for r in tries if abs(r / rate_hz - 1.0) <= _DIGITS), float(f"{rate_hz:.3g}"))
+
+
+def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing:
+    """A rate that stands in the log as a number, or a place for one."""
+    for field in fields:
+        name = field.name.lower()
+        if field.example is None or name not in (*_RATE_NAMES, *_STEP_NAMES):
+            continue
+        first = _first_number(log, field)
+        if first is not None and first > 0:
+            rate = first if name in _RATE_NAMES else 1.0 / first
+            return Timing((f"rate_hz = {rate:g}  # ? from {toml(field.name)}",))
+    by_unit = sorted(fields[:MOST_COLUMNS], key=lambda field: not _unit_in(field.name))
+    for field in by_unit:
+        if _rises_evenly(log, field) and (found := _clock(log, field)) is not None:
+            column, *more = found.lines
+            return replace(found, lines=(f"{column}  # ? it rises evenly", *more))
+    return Timing(("rate_hz = 0  # not found in the log: give the samples a second",))
+
+
+def _rises_evenly(log: Log, field: Field) -> bool:
+    """Whether a column is a clock by what it does: hardly anything else rises by even steps."""
+    try:
+        values = log.read([field.name], [field.name])[field.name]
+    except UnusableInput:
+        return False
+    if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
+        return False
+    numbers = as_floats(values)
+    if not (np.abs(numbers) < _LARGEST).all():
+        return False
+    steps = np.diff(numbers)
+    low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
+    is_count = bool((steps == 1.0).all())  # of samples, as a table's index
+    return not is_count and bool((steps > 0).all() and usual > 0 and high - low < _EVEN * usual)
+
+
+def _first_number(log: Log, field: Field) -> float | None:
+    try:
+        values = log.read([field.name], [])[field.name]
+    except UnusableInput:
+        return None
+    return float(values[0]) if len(values) and np.isfinite(values[0]) else None
+
+
+def _unit_in(name: str) -> str | None:
+    """The unit of time that a name ends with."""
+    ends = re.search(r"_(s|ms|us|ns|min)$", name)
+    if ends:
+        return ends[1]
+    return "min" if re.search(r"(^|_)minutes?$", name.lower()) else None
+
+
+def _time_unit(values: Values, field: Field) -> tuple[str | None, bool]:
+    """The unit that the log states, or the one in which the steps are likely."""
+    stated = field.unit or _unit_in(field.name)
+    if stated is not None:
+        try:
+            seconds_in(stated)
+            return stated, False
+        except ValueError:
+            pass
+    if values.dtype.kind == "M":
+        return "ns", False
+    numbers = as_floats(values)
+    if len(numbers) < 2 or not (np.abs(numbers) < _LARGEST).all():
+        return None, False
+    steps = np.diff(numbers)
+    rising = steps[steps > 0]
+    if len(rising) < 0.5 * len(steps) or not len(rising):
+        return None, False
+    step = float(np.median(rising))
+    low, high = _LIKELY_HZ
+    for unit in ("s", "ms", "us", "ns"):
+        if low <= 1.0 / (step * float(seconds_in(unit))) <= high:
+            return unit, True
+    return None, False
+
+
+def _form(values: Values) -> str | None:
+    from datetime import datetime
+
+    for form in _FORMS:
+        try:
+            for text in (str(values[0]), str(values[-1])):
+                if form == "iso":
+                    datetime.fromisoformat(text)
+                else:
+                    datetime.strptime(text, form)
+        except ValueError:
+            continue
+        return form
+    return None
+
+
+def _never(reason: str, advice: str) -> UnusableInput:
+    return UnusableInput(f"The clock {reason}; {advice}.")
+
+
+def toml(value: object) -> str:
+    """A value as TOML has it."""
+    import tomli_w
+
+    return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
+
+
+def plain_line(text: str) -> str:
+    """A text of a log as it may stand in a comment."""
+    return "".join(c if c.isprintable() else "?" for c in text)[:80]
