@@ -69,6 +69,52 @@ def test_dates_of_numpy_are_a_clock_and_a_nan_that_signals_is_a_nan(tmp_path: Pa
     assert log.rate_hz == pytest.approx(50.0)
 
 
+@pytest.mark.parametrize(
+    ("kind", "step_ms"),
+    [("s", 1000), ("ms", 20), ("us", 20), ("ns", 20)],
+)
+@pytest.mark.parametrize("zone", [None, "UTC", "Europe/Berlin"])
+def test_dates_of_parquet_are_a_clock_in_whatever_they_count(
+    kind: str, step_ms: int, zone: str | None, tmp_path: Path
+) -> None:
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    when = pandas.date_range("2026-03-01", periods=200, freq=f"{step_ms}ms", tz=zone, unit=kind)
+    path = tmp_path / "log.parquet"
+    pandas.DataFrame({"when": when, "q": np.sin(np.arange(200))}).to_parquet(path)
+    guessed = guess_columns(path)
+    assert 'column = "when"' in guessed
+    assert "no unit is needed" in guessed
+    (one,) = read(path, guessed.replace('role = "unused"', 'role = "output"'))
+    assert one.rate_hz == pytest.approx(1000.0 / step_ms)
+    assert np.array_equal(one.columns["q"], np.sin(np.arange(200)))
+
+
+def test_texts_and_missing_dates_of_parquet(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    when = pandas.date_range("2026-03-01", periods=200, freq="20ms", tz="UTC")
+    path = tmp_path / "log.parquet"
+    table = pandas.DataFrame({"when": [w.isoformat() for w in when], "q": np.arange(200.0)})
+    table.to_parquet(path)
+    guessed = guess_columns(path)
+    assert 'column = "when"\nformat = "iso"' in guessed
+    (one,) = read(path, guessed.replace('role = "unused"', 'role = "output"'))
+    assert one.rate_hz == pytest.approx(50.0)
+    table.to_csv(tmp_path / "log.csv", index=False)
+    (other,) = read(tmp_path / "log.csv", '[time]\ncolumn = "when"\nformat = "iso"\n'
+                    + column("q", "q"))  # fmt: skip
+    assert np.array_equal(one.time_s, other.time_s)
+    with pytest.raises(UnusableInput, match="'when' does not hold real numbers"):
+        read(path, "[time]\nrate_hz = 50\n" + column("q", "when"))
+    dates = table.assign(when=when.where(np.arange(200) != 7))
+    dates.to_parquet(path)
+    with pytest.raises(UnusableInput, match="column 'when' has no stamp in row 7"):
+        read(path, '[time]\ncolumn = "when"\n' + column("q", "q"))
+    with pytest.raises(UnusableInput, match="column 'when' holds dates"):
+        read(path, "[time]\nrate_hz = 50\n" + column("q", "when"))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_its_library_wrote_is_read_to_the_digit(kind: str, tmp_path: Path) -> None:
     pytest.importorskip(KINDS[kind])

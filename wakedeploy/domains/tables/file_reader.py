@@ -190,6 +190,9 @@ class FileReader:
         form = self.columns.time.format
         numbers = as_numbers(values, form, place.row, place.clock_refused)
         if numbers.dtype.kind == "M":
+            if np.isnat(numbers).any():
+                row = place.row(int(np.argmax(np.isnat(numbers))))
+                raise place.clock_refused(f"has no stamp in {row}", "mend or delete that row")
             return numbers.astype("datetime64[ns]").astype(np.int64), Fraction(1, 10**9)
         try:
             unit = "ns" if form is not None else place.clock.unit
@@ -241,6 +244,8 @@ class FileReader:
     def _numbers(self, place: Place, values: Values) -> Vector:
         if values.dtype == object:
             raise place.refused("holds texts", "leave it out, or choose another")
+        if values.dtype.kind == "M":
+            raise place.refused("holds dates", "leave it out, or choose another")
         with np.errstate(over="ignore"):
             return as_floats(values)
 

@@ -90,7 +90,7 @@ def as_numbers(values: Values, form: str | None, place: Place, refuse: Refuse) -
     if form is None and values.dtype == object:
         advice = 'say how stamps are written: [time] format = "iso", or as strptime takes it'
         raise refuse(f"holds texts, {str(values[0])[:40]!r} the first", advice)
-    if form is None:
+    if form is None or values.dtype.kind == "M":
         return values
     return np.array([_ns_of(str(v), form, i, place, refuse) for i, v in enumerate(values)])
 

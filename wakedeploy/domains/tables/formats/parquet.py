@@ -20,6 +20,8 @@ from wakedeploy.domains.tables.log import (
     unreadable,
 )
 
+_NO_NUMBERS = ("string", "binary", "timestamp", "date", "time")  # in the name of Arrow's type
+
 
 def open_log(path: Path, csv: Delimited) -> "ParquetLog":
     """Open a Parquet file."""
@@ -45,7 +47,7 @@ class ParquetLog:
         for name, (kind, unit) in self._leaves.items():
             count = self._length(name) if "list" in str(kind) else 0
             names = [f"{name}[{i}]" for i in range(count)] or [name]
-            example = None if str(kind) in ("string", "large_string", "binary") else 0.0
+            example = None if any(word in str(kind) for word in _NO_NUMBERS) else 0.0
             found += [Field(address, unit=unit, example=example) for address in names]
         return found
 
@@ -54,9 +56,9 @@ class ParquetLog:
         return None
 
     def read(self, addresses: Collection[str], stamps: Collection[str]) -> dict[str, Values]:
-        """The columns of these addresses; stamps of date and time in nanoseconds."""
+        """The columns of these addresses; dates and times as what they are, in any unit."""
         require_values(self.path, len(addresses) * self._file.metadata.num_rows)
-        return {address: self._column(address) for address in addresses}
+        return {address: self._column(address, address in stamps) for address in addresses}
 
     def place(self, address: str, index: int) -> str:
         """The number of a row, from 0 on."""
@@ -67,22 +69,21 @@ class ParquetLog:
         values = self._array(name, self._file.iter_batches(columns=[name]))
         return next((len(value) for value in values if value is not None), 0)
 
-    def _column(self, address: str) -> Values:
+    def _column(self, address: str, is_stamp: bool) -> Values:
         name, index = (address, ()) if address in self._leaves else indexed(address)
         if name not in self._leaves:
             raise missing(self.path, address, self._leaves)
         values = self._array(name, self._file.iter_batches(columns=[name]))
         if index:
             return self._elements(address, values, index)
-        kind = values.dtype.kind
-        if kind == "M":
-            return values.astype("datetime64[ns]").astype(np.int64)
-        if kind not in "fiub":
-            plain = [float("nan") if v is None else v for v in values]
-            if not all(isinstance(v, int | float) for v in plain):
-                raise refused(self.path, address, "does not hold real numbers", "choose another")
-            return np.array(plain, dtype=np.float64)
-        return values
+        if values.dtype.kind in "fiubM":
+            return values
+        if is_stamp and all(v is None or isinstance(v, str) for v in values):
+            return np.array(["" if v is None else v for v in values], dtype=object)
+        plain = [float("nan") if v is None else v for v in values]
+        if not all(isinstance(v, int | float) for v in plain):
+            raise refused(self.path, address, "does not hold real numbers", "choose another")
+        return np.array(plain, dtype=np.float64)
 
     def _array(self, name: str, batches: Any) -> Values:
         """A column of all row groups, a struct's fields followed down."""
