@@ -14,7 +14,7 @@ from benchmarks.fuzz import logs
 from benchmarks.fuzz.kind import put
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.columns import Delimited, parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.domains.tables.reading import read_recordings
 
@@ -193,6 +193,12 @@ def test_matlab_7_3_is_read_by_its_hdf5(tmp_path: Path) -> None:
         ("t u\n0.0   1.5\n0.1 2.5\n0.2 -3\n", ""),
         ("# by the logger\nt,u\ns,V\n0.0,1.5\n0.1,2.5\n0.2,-3\n",
          'comment = "#"\nunits_row = true'),
+        ("# recorded by me, on Monday\nt,u\n0.0,1.5\n0.1,2.5\n0.2,-3\n", ""),
+        ("# recorded by me\n#\n# t,u\n0.0,1.5\n0.1,2.5\n0.2,-3\n", ""),
+        ("# t u\n0.0 1.5\n0.1 2.5\n0.2 -3\n", ""),  # as numpy.savetxt does
+        ("#t;u\n0,0;1,5\n0,1;2,5\n0,2;-3\n", 'decimal = ","'),
+        ("% t,u\n0.0,1.5\n% a pause\n0.1,2.5\n0.2,-3\n", 'comment = "%"'),
+        ("#a\nlogger\n# b,c\nt,u\n0.0,1.5\n0.1,2.5\n0.2,-3\n", "skip_rows = 2"),
         ("Logger 7\nrun 3\nt, u\n0.0, 1.5\n0.1, 2.5\n0.2, -3\n", "skip_rows = 2"),
         ("\ufefft,u\r\n0.0,1.5\r\n\r\n0.1,2.5\r\n0.2,-3", ""),
         ("t,u\n0.0,1.5\n0.1,2.5\n0.2,-3\n0.3", ""),  # cut off while it was written
@@ -204,6 +210,28 @@ def test_tables_of_text_as_people_write_them(text: str, csv: str, tmp_path: Path
     (one,) = read(path, f'[time]\ncolumn = "t"\n[csv]\n{csv}\n' + column("u", "u"))
     assert one.columns["u"].tolist() == [1.5, 2.5, -3.0]
     np.testing.assert_allclose(one.time_s, [0.0, 0.1, 0.2], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "form"),
+    [
+        ("# recorded by me\nt_us,cmd,depth\n{}", None),
+        ("# t_us,cmd,depth\n{}", None),
+        ("% t_us,cmd,depth\n{}", Delimited(comment="%")),
+        ("% by me\nt_us,cmd,depth\n{}% the end\n", Delimited(comment="%")),
+    ],
+)
+def test_a_guess_passes_over_comments_and_takes_a_header_that_is_one(
+    text: str, form: Delimited | None, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{20_000 * k},{k % 3},{0.1 * k}\n" for k in range(50))
+    path.write_text(text.format(rows), "utf-8")
+    guessed = guess_columns(path, form)
+    assert 'column = "t_us"\nunit = "us"' in guessed
+    (one,) = read(path, guessed.replace('role = "unused"', 'role = "output"'))
+    assert one.rate_hz == pytest.approx(50.0)
+    assert np.array_equal(one.columns["depth"], [0.1 * k for k in range(50)])
 
 
 def test_topics_of_ros_before_jazzy_and_other_encodings_are_refused_when_they_are_asked_for(

@@ -101,7 +101,7 @@ class Delimited(_Table):
     skip_rows: int = Field(default=0, ge=0, le=10_000)
     """Lines before the header."""
     comment: str | None = None
-    """What lines that are left out begin with."""
+    """What lines that are left out begin with; those before the header with # in any case."""
     encoding: Literal["utf-8-sig", "utf-8", "ascii", "latin-1", "cp1252", "utf-16"] = "utf-8-sig"
 
 

@@ -33,6 +33,7 @@ from wakedeploy.domains.tables.log import (
 
 _BLOCK = 1 << 15  # rows that are converted at once
 _LONGEST_LINE = 1 << 20
+_COMMENT = "#"  # what lines before a header begin with that are none of the table
 _MISSING = {"", "nan", "null", "none", "na", "n/a"}
 _BOOLEAN = {"true": 1.0, "false": 0.0}
 _UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
@@ -161,7 +162,7 @@ class DelimitedLog:
         """Each row with the number of its line; the first one tells the delimiter."""
         try:
             with _opened(self.path, self._form.encoding) as file:
-                yield from self._parsed(self._text_lines(file))
+                yield from self._parsed(self._from_header(self._text_lines(file)))
         except (OSError, EOFError, zlib.error, UnicodeError, csv.Error, ValueError) as error:
             raise UnusableInput(
                 f"{self.path}: cannot be read as a table of text ({one_line(error)}); copy it"
@@ -169,7 +170,7 @@ class DelimitedLog:
             ) from error
 
     def _text_lines(self, file: IO[str]) -> Iterator[tuple[int, str]]:
-        """Lines that are not left out, each with its number, none without an end."""
+        """Lines below those to skip that are not blank, each with its number and with an end."""
         size = 0
         for number in range(1, MOST_BYTES):
             line = file.readline(_LONGEST_LINE)
@@ -178,9 +179,37 @@ class DelimitedLog:
                 return
             if len(line) == _LONGEST_LINE or size > MOST_BYTES:
                 raise ValueError(f"line {number} has no end, or the text none")
-            is_comment = self._form.comment and line.startswith(self._form.comment)
-            if number > self._form.skip_rows and not is_comment and line.strip():
+            if number > self._form.skip_rows and line.strip():
                 yield number, line
+
+    def _from_header(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+        """Lines from the header on; comments before it are left out, whether or not it is stated.
+
+        A header may be such a comment itself: the last one, if it names what the first row holds.
+        """
+        mark = self._form.comment or _COMMENT
+        last: tuple[int, str] | None = None
+        for number, line in lines:
+            if line.startswith(mark):
+                last = number, line.removeprefix(mark).lstrip(f"{mark} ")
+                continue
+            if last is not None and self._form.header and self._is_named_by(line, last[1]):
+                yield last
+            yield number, line
+            last = None
+            break
+        if last is not None and self._form.header and last[1].strip():
+            yield last  # of a log without rows
+        stated = self._form.comment
+        yield from (row for row in lines if not (stated and row[1].startswith(stated)))
+
+    def _is_named_by(self, row: str, header: str) -> bool:
+        """Whether a line holds numbers, and a comment before it as many names."""
+        delimiter = self._form.delimiter or _delimiter(header)
+        cells, names = (_cells(line, delimiter) for line in (row, header))
+        has_numbers = any(not _is_text(cell, self._form) for cell in cells if cell.strip())
+        is_of_names = all(name.strip() and _is_text(name, self._form) for name in names)
+        return has_numbers and is_of_names and len(cells) == len(names)
 
     def _parsed(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
         first = next(lines, None)
@@ -275,6 +304,13 @@ def _delimiter(line: str) -> str:
     bare = re.sub(r'"[^"]*"', "", line)
     most = max(",;\t", key=bare.count)
     return most if most in bare or len(bare.split()) < 2 else " "
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """The cells of one line."""
+    if delimiter == " ":
+        return line.split()
+    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
 
 
 def _numbers(text: str) -> list[str]:
