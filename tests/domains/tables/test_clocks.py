@@ -1,5 +1,6 @@
 """Clocks that are wrong, apart, late or set back: refused with what helps, shifted, or split."""
 
+import json
 import re
 from pathlib import Path
 
@@ -104,3 +105,57 @@ def test_a_sensor_that_is_known_to_be_late_is_shifted_to_its_time(tmp_path: Path
     for bad in ("1e11", "nan", '"late"'):
         with pytest.raises(UnusableInput, match=r"columns\.q\.shift_s"):
             read(path, TIME + RATE + U + Q + f"shift_s = {bad}\n")
+
+
+def test_ticks_begin_at_a_reading_and_not_at_the_input_beside_it(tmp_path: Path) -> None:
+    t, slow_t = np.arange(500) / 50, 0.013 + np.arange(190) / 20
+    path = tmp_path / "log.npz"
+    np.savez(path, t=t, q=np.sin(t), slow_t=slow_t, u=np.cos(slow_t))
+    text = TIME + "[resample]\nrate_hz = 50\n" + U + 'time = "slow_t"\n' + Q
+    (one,) = read(path, text).recordings
+    np.testing.assert_allclose(one.columns["q"], np.sin(one.time_s), atol=1e-12)
+
+
+def test_a_column_of_messages_is_stamped_by_its_own_header(tmp_path: Path) -> None:
+    """A message was recorded 0.1 s after it was stamped; the command has no header."""
+    from mcap.writer import Writer
+
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, late_ns in (("/cmd", 0), ("/joint_states", 100_000_000)):
+            channel = writer.register_channel(topic, "json", 0)
+            for k in range(500):
+                stamp_ns = 1_700_000_000_000_000_000 + k * 10_000_000
+                stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+                content = {"x": float(k), "header": {"stamp": stamp}, "position": [-1.0, float(k)]}
+                at_ns = stamp_ns + late_ns
+                writer.add_message(channel, at_ns, json.dumps(content).encode(), at_ns)
+        writer.finish()
+    text = "version = 1\n" + RATE + U.replace('"u"', '"/cmd.x"')
+    text += Q.replace('"q"', '"/joint_states.position[1]"')
+    (late,) = read(path, text).recordings
+    assert (late.columns["u"] - late.columns["q"]).tolist() == [10.0] * len(late.time_s)
+    for own in ('time = "/joint_states.header.stamp"\n', "shift_s = -0.1\n"):
+        (one,) = read(path, text + own).recordings
+        assert np.array_equal(one.columns["u"], one.columns["q"])
+
+
+def test_one_columns_file_reads_logs_of_several_formats_whose_columns_are_called_alike(
+    tmp_path: Path,
+) -> None:
+    t = np.arange(300) / 100
+    np.savez(tmp_path / "a.npz", t=t, u=np.sin(t))
+    np.savetxt(tmp_path / "b.csv", np.column_stack([t, np.sin(t)]), "%.18g", ",", header="t,u")
+    a, b = read_recordings(
+        [tmp_path / "a.npz", tmp_path / "b.csv"], parse_columns(TIME + U)
+    ).recordings
+    assert np.array_equal(a.columns["u"], b.columns["u"])
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (tmp_path / "a.npz").rename(folder / "cmd.npz")
+    table = np.column_stack([t, np.cos(t)])
+    np.savetxt(folder / "arm.csv", table, "%.18g", ",", header="t,q")
+    (one,) = read(folder, TIME + U + 'file = "cmd.npz"\n' + Q + 'file = "arm.csv"\n').recordings
+    assert np.array_equal(one.columns["q"], np.cos(t))

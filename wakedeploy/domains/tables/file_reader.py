@@ -363,6 +363,7 @@ class FileReader:
     ) -> tuple[Vector, dict[str, Vector]]:
         how = self.columns.resample
         assert how is not None
+        start_s = _at_a_reading(series, start_s, 1.0 / how.rate_hz)
         half_s = 0.5 / how.rate_hz  # stamps that jitter may lie before the first tick
         clocks_s = [s.with_numbers()[0] for s in series if not s.is_event]
         inside_s = [c[(c >= start_s - half_s) & (c <= end_s + half_s)] for c in clocks_s]
@@ -374,6 +375,17 @@ class FileReader:
         for column in series:
             self._remarks.brought(column, ticks_s)
         return ticks_s, {column.name: column.at_ticks(ticks_s, how) for column in series}
+
+
+def _at_a_reading(series: Sequence[Series], start_s: float, tick_s: float) -> float:
+    """A start that is up to a tick later, at a sample of the column that is measured most often.
+
+    From an input's first sample on, all readings would be late by the same part of a tick.
+    """
+    stamps_s = max((s.with_numbers()[0] for s in series if s.is_reading), key=len, default=None)
+    after_s = np.empty(0) if stamps_s is None else stamps_s[stamps_s >= start_s]
+    is_soon = len(after_s) > 0 and after_s[0] < start_s + tick_s
+    return float(after_s[0]) if is_soon else start_s
 
 
 def _samples(series: Sequence[Series]) -> int:
