@@ -238,6 +238,25 @@ def test_a_log_in_other_names_and_units_is_the_same_log(folder, foreign, tmp_pat
     assert converted["without"]["position_m"] == pytest.approx(own["without"]["position_m"])
 
 
+def test_a_slow_sensor_judges_a_correction_as_a_fast_one_does(folder, tmp_path):
+    """Positions at 20 Hz, ticks at 100 Hz: a repeat would be off by the way since."""
+    _corrected(folder, 0.8)
+    rows = np.loadtxt(folder / "log.csv", delimiter=",", skiprows=1)
+    slow = rows[::5]
+    path = tmp_path / "slow.npz"
+    np.savez(path, t=rows[:, 0], u=rows[:, 1], slow_t=slow[:, 0], x=slow[:, 2])
+    (tmp_path / "c.toml").write_text(
+        'version = 1\n[time]\ncolumn = "t"\n[resample]\nrate_hz = 100\n'
+        '[columns.voltage_v]\ncolumn = "u"\nrole = "input"\nunit = "V"\n'
+        '[columns.position_m]\ncolumn = "x"\ntime = "slow_t"\nrole = "output"\nunit = "m"\n'
+    )
+    words = ["--correction", folder / "correction.toml", "--json", tmp_path / "told.json"]
+    ended = _simulated(folder, "--measured", path, "--columns", tmp_path / "c.toml", *words)
+    assert ended.exit_code == 0, ended.output
+    (told,) = json.loads((tmp_path / "told.json").read_text()).values()
+    assert told["with"]["position_m"] < 0.05 * told["without"]["position_m"]
+
+
 def test_a_log_that_needs_a_columns_file_says_how_to_begin_one(folder, foreign):
     told = str(_simulated(folder, "--measured", foreign).exception)
     assert f"data import table {foreign} --guess --columns columns.toml" in told

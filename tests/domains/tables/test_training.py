@@ -92,6 +92,18 @@ def test_a_set_that_could_not_be_learnt_from_is_refused(
     assert sentence in str(told.value)
 
 
+def test_a_set_has_every_number_of_an_observation_that_is_slower_than_its_rate(here: Path) -> None:
+    t, slow_t = np.arange(1000) / 100, np.arange(200) / 20
+    np.savez("slow.npz", t=t, f=np.cos(t), v=np.sin(slow_t), slow_t=slow_t)
+    text = COLUMNS.replace('"v"', '"v"\ntime = "slow_t"') + "[resample]\nrate_hz = 100\n"
+    for role in ('"observation"', '["output", "observation"]'):
+        Path("columns.toml").write_text(text.replace('"observation"', role), "utf-8")
+        made = wd.import_table("slow.npz", "columns.toml")
+        seen = np.concatenate([episode.observation[:, 0] for episode in made.episodes])
+        held = 1e-3 * np.repeat(np.sin(slow_t), 5)[: len(seen)]
+        np.testing.assert_allclose(seen, held, atol=1e-9)
+
+
 def test_logs_of_two_rates_need_one(here: Path) -> None:
     lines = Path("run1.csv").read_text().splitlines()
     Path("half.csv").write_text("\n".join(lines[:1] + lines[1::2]))
