@@ -110,7 +110,9 @@ def resampled(sampled: Iterable[tuple[str, Vector]]) -> tuple[str, ...]:
     An input is held between its samples, whatever the rate. A reading counts once, at the first
     tick after it: at a lower rate some would be lost, and at a higher one no more are gained.
     """
-    rates = {name: hz for name, stamps_s in sampled if (hz := _usual_hz(stamps_s)) is not None}
+    several = list(sampled)
+    lasting = [each for each in several if len(each[1]) >= _FEW_STAMPS]
+    rates = {n: hz for n, stamps_s in lasting or several if (hz := _usual_hz(stamps_s)) is not None}
     measured = {name: hz for name, hz in rates.items() if not _COMMANDED.search(name.lower())}
     chosen = measured or rates
     if not chosen:
