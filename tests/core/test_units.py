@@ -44,7 +44,8 @@ from wakedeploy.rig.file import default_rig, default_rig_text, parse_rig, read_r
         ("dps", "rad/s", math.pi / 180), ("rev/min", "rpm", 1), ("rps", "rad/s", 2 * math.pi),
         ("mNm", "N m", 1e-3), ("Nmm", "N m", 1e-3), ("psi", "Pa", 6894.757293168361),
         ("knots", "km/h", 1.852), ("M/S", "m/s", 1), ("KM/H", "km/h", 1),
-        ("l/min", "m^3/s", 1e-3 / 60), ("Volts", "V", 1),
+        ("l/min", "m^3/s", 1e-3 / 60), ("Volts", "V", 1), ("mH", "V s/A", 1e-3), ("uF", "F", 1e-6),
+        ("kΩ", "ohm", 1e3), ("N/(m/s)²", "N s²/m²", 1), ("N/(m/s)^2", "N s²/m²", 1),
     ],
 )  # fmt: skip
 def test_a_unit_of_the_same_dimension_has_a_factor(given: str, wanted: str, factor: float) -> None:
@@ -62,7 +63,7 @@ def test_a_unit_of_the_same_dimension_has_a_factor(given: str, wanted: str, fact
         ("kilos", "kg", "'kilos' is not known; give kg, g"),
         ("furlong", "m", "not known"), ("m/", "m", "not known"), ("(m", "m", "not known"),
         ("G", "kg", "not known"), ("mG", "g", "not known"),  # gauss, or of gravity
-        ("H", "s", "not known"), ("M", "m", "not known"), ("mS", "s", "not known"),
+        ("H", "s", "another dimension"), ("M", "m", "not known"), ("mS", "s", "another dimension"),
         ("MHZ", "Hz", "not known"), ("NM", "m", "not known"), ("kn", "N", "not known"),
         ("10", "1", "not known"), ("m^x", "m", "not known"), ("?", "m", "not known"),
     ],

@@ -173,15 +173,24 @@ _SYMBOLS = {
 _SYMBOLS |= _PREFIXED | _ALONE  # "min" is no milli-inch, and "ft" no femto-anything
 _SYMBOLS |= {word: _SYMBOLS[unit] for unit, words in _SPOKEN.items() for word in words.split()}
 _IN_ANY_CASE = {name.lower(): name for name in reversed(_SYMBOLS) if not name.startswith("M")}
-# Alone, these are other units than the same in other cases: gauss, henry, siemens, knots.
-_OTHERS = {"G", "mG", "uG", "H", "mH", "uH", "M", "mM", "uM", "S", "mS", "uS", "MHZ", "NM", "kn"}
+_ELECTRICAL = {  # where nothing stands beside them: M/H is no metre per henry
+    prefix + name: Quantity(size * quantity.factor, quantity.powers)
+    for prefix, size in [("", Fraction(1)), *_PREFIXES.items()]
+    for name, quantity in {
+        "H": _unit(1, m=2, kg=1, s=-2, a=-2),
+        "F": _unit(1, m=-2, kg=-1, s=4, a=2),
+        "S": _unit(1, m=-2, kg=-1, s=3, a=2),
+    }.items()
+}
+# Alone, these are other units than the same in other cases: gauss, knots.
+_OTHERS = {"G", "mG", "uG", "M", "mM", "uM", "MHZ", "NM", "kn"}
 _ANGULAR = re.compile(
     r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|rpm|rps|dps)(?![A-Za-z])|°", re.I
 )
 _SUPERSCRIPTS = str.maketrans("⁻¹²³⁴", "-1234")
 _PART = re.compile(
     r"\s*(?P<sign>[/*·⋅]?)\s*"
-    r"(?:\((?P<group>[^()]*)\)|(?P<name>[A-Za-zµμ%°]+|1(?![0-9])|-)(?:\^?(?P<power>-?[0-9]))?)"
+    r"(?:\((?P<group>[^()]*)\)|(?P<name>[A-Za-zµμ%°\u2126\u03a9]+|1(?![0-9])|-))(?:\^?(?P<power>-?[0-9]))?"
 )
 
 
@@ -199,7 +208,7 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
     "m": "m", "kg": "kg", "s": "s", "n": "N", "v": "V", "w": "W", "ohm": "ohm", "rad": "rad",
     "deg": "deg", "rpm": "rpm", "hz": "Hz", "nm": "N m", "pa": "Pa", "kgm2": "kg m²", "m2": "m²",
     "mps": "m/s", "mps2": "m/s²", "radps": "rad/s", "radps2": "rad/s²", "mm": "mm", "mv": "mV",
-    "ma": "mA", "us": "us", "ms": "ms", "um": "um",
+    "ma": "mA", "us": "us", "ms": "ms", "um": "um", "pct": "%", "percent": "%",
 }  # fmt: skip
 _ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s"}  # alone, `arm_a` is no current
 
@@ -211,6 +220,21 @@ def unit_at_end(name: str) -> str | None:
         below = _ENDS_BELOW[end]
         return f"{_ENDS[words[-2]]}/{f'({below})' if set(below) & set(' /') else below}"
     return _ENDS.get(end) if words and words[-1] != "per" else None
+
+
+def is_known(text: str) -> bool:
+    """Whether a unit is understood; "" and "1" are none, and known."""
+    return _read(text) is not None
+
+
+def contradicted(name: str, unit: str) -> str | None:
+    """The unit that a name ends in, where it is another one of the same dimension; else None."""
+    named = unit_at_end(name)
+    try:
+        differs = named is not None and conversion(unit, named) != 1
+    except ValueError:  # of another dimension: the end of the name is no unit
+        return None
+    return named if differs else None
 
 
 def same_unit(first: str, other: str) -> bool:
@@ -274,6 +298,8 @@ def _read(text: str) -> Quantity | None:
     plain = plain.replace("**", "^").replace(" per ", "/").strip()
     if plain.replace("µ", "u") in _OTHERS:
         return None
+    if plain.replace("µ", "u") in _ELECTRICAL:
+        return _ELECTRICAL[plain.replace("µ", "u")]
     whole, at = _ALONE.get(plain, _unit(1)), 0
     while plain not in _ALONE and at < len(plain):
         part = _PART.match(plain, at)
@@ -286,8 +312,10 @@ def _read(text: str) -> Quantity | None:
 
 def _part(part: "re.Match[str]") -> Quantity | None:
     if part["group"] is not None:
-        return _read(part["group"])
+        group = _read(part["group"])
+        return None if group is None else group.raised(int(part["power"] or 1))
     name = part["name"].replace("µ", "u").replace("μ", "u")
+    name = name.replace("\u2126", "ohm").replace("\u03a9", "ohm")  # the ohm's own sign, and omega
     read = _SYMBOLS.get(name + (part["power"] or ""))  # mps2 is no square of mps
     if read is not None:
         return read

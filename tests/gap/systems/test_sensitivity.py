@@ -10,7 +10,7 @@ from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.power import power
-from wakedeploy.gap.systems.sensitivity import checked_base, rows
+from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
 
 
 class Rail(System):
@@ -80,3 +80,55 @@ def test_a_reading_is_cut_after_all_else_that_is_wrong_with_it(model):
 def test_a_unit_says_what_is_divided_by_what(of, unit):
     units = {"force": "N", "speed": "m/s", "position": "m", "time": "s", "span": "s", "input": "V"}
     assert Parameter("one", of).unit(Scales({}, units)) == unit
+
+
+class Valve(System):
+    """A valve that follows its command, and what it lets through; nobody measures the valve."""
+
+    rate_hz = 100.0
+    inputs = [Input("command_pct", "1", low=-0.9, high=0.9)]
+    states = {"opening": "1", "flow": "1"}
+    outputs = [Output("flow", "1", noise=1e-3)]
+    constants = [
+        Constant("valve_s", 0.05),
+        Constant("flow_s", 0.3, spread=0.1),
+        Constant("leak", 0.1, spread=0.2, unit="1"),
+    ]
+
+    def derivative(self, state, inputs, c):
+        opening = (inputs.command_pct - state.opening) / c.valve_s
+        return {"opening": opening, "flow": (state.opening + c.leak - state.flow) / c.flow_s}
+
+
+def _notes(begins: float, **changes: object) -> str:
+    """What is said of logs whose command is a share, or begins and goes on in percent."""
+    time_s = np.arange(400) / 100.0
+    columns = {"command_pct": begins + 0.5 * np.sin(time_s), "flow": 0.2 + 0.1 * np.sin(time_s)}
+    system = type("Valve", (Valve,), changes)()
+    return "\n".join(column_notes(LogModel(system, [Recording("made", time_s, columns)])))
+
+
+def test_a_state_that_begins_at_0_and_does_not_rest_there_is_told() -> None:
+    assert "state opening: no output shows it" in _notes(0.4)
+    assert "no output shows it" not in _notes(0.0)  # it rests at 0
+    assert "no output shows it" not in _notes(0.4, start_spread={"opening": 0.5})
+    given = {"start": lambda system, measured: {"opening": measured.flow}}
+    assert "no output shows it" not in _notes(0.4, **given)
+
+
+def test_an_input_far_beyond_its_limits_is_told_and_a_little_beyond_is_not() -> None:
+    assert "from 39.62 to 40.5 1, far beyond the limits that it states, −0.9 to 0.9" in _notes(40.0)
+    assert "far beyond" not in _notes(0.5)
+
+
+def test_a_name_that_says_another_unit_is_told() -> None:
+    assert "input command_pct is taken in 1, and its name says %" in _notes(0.0)
+    right = {"inputs": [Input("command_pct", "%")]}
+    assert "its name says" not in _notes(0.0, **right)
+
+
+def test_constants_that_no_fit_moves_are_listed_and_those_that_keep_their_sign() -> None:
+    told = _notes(0.0)
+    assert "taken as exact, for want of a spread: valve_s." in told
+    assert "constant leak keeps its sign" in told
+    assert "constant flow_s keeps" not in told

@@ -7,8 +7,11 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
+from wakedeploy.gap.systems.logs import LogModel
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
 
@@ -101,6 +104,26 @@ def test_a_sound_system_passes():
             {"constants": [Constant("mass_kg", 2e-4, spread=0.1)]},
             r"spread of 0\.1, 500 times its value.*10 % of it are 2e-05",
         ),
+        (
+            {"constants": [Constant("mass_kg", 2.0), Constant("buoyancy_n", -0.5, spread=2.0)]},
+            r"buoyancy_n' is -0\.5 with a spread of 2, 4 times .* state so: low=-8\.5, high=7\.5",
+        ),
+        (
+            {"constants": [Constant("mass_kg", 50.0, spread=200.0)]},
+            "a spread of 200, 4 times its value",
+        ),
+        ({"constants": [Constant("mass_kg", 0.12, low=1.0)]}, r"in \[1, 120\]; give a finite"),
+        ({"constants": [Constant("mass_kg", 2.0, unit="kilo")]}, "the unit 'kilo', which is not"),
+        ({"inputs": [Input("force_n", "newt")]}, "input 'force_n' has the unit 'newt'"),
+        (
+            {"derivative": lambda s, state, u, c: {"position_m": 1j, "speed_mps": 0.0}},
+            r"Axis.derivative gives 1j for 'position_m', which is no real number",
+        ),
+        (
+            {"measure": lambda s, state, u, c: {"position_m": state.position_m + 0j}},
+            r"Axis.measure gives an array of complex128 for 'position_m'",
+        ),
+        ({"measure": lambda s, state, u, c: {"position_m": "far"}}, "gives 'far' for 'position_m'"),
         ({"rate_hz": 0.0}, "rate_hz"),
         ({"steps": 0}, "steps is 0; give a whole number from 1 to 64"),
         ({"inputs": [Input("force_n", "N", hold="cubic")]}, "holds 'cubic', not"),
@@ -111,6 +134,54 @@ def test_a_sound_system_passes():
 def test_what_does_not_fit_is_said_by_name(changes, said):
     with pytest.raises(UnusableInput, match=said):
         checked(_with(**changes))
+
+
+def test_an_offset_near_zero_may_turn_where_its_bounds_say_so():
+    offset = Constant("buoyancy_n", -0.5, spread=2.0, low=-8.5, high=7.5)
+    mass = Constant("mass_kg", 2.0)
+    (free,) = LogModel(checked(_with(constants=[mass, offset])), [_recording()])._constants()
+    assert (free.low, free.high) == (-8.5, 7.5)
+
+
+def _recording() -> Recording:
+    time_s = np.arange(400) / 100.0
+    columns = {"force_n": np.cos(time_s), "position_m": 0.5 * np.sin(time_s)}
+    return Recording("made", time_s, columns)
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        (lambda s, measured: {"speed_mps": measured.command}, "start: output 'command' is not"),
+        (lambda s, measured: {"speed": 0.0}, "start returns 'speed', which is no state"),
+        (lambda s, measured: {"speed_mps": 1j}, "start gives 1j for 'speed_mps'"),
+        (lambda s, measured: {"speed_mps": np.zeros(7)}, r"'speed_mps' the shape \(7,\)"),
+        (lambda s, measured: {"speed_mps": float("nan")}, "something that is no number"),
+        (lambda s, measured: 3.0, "start returns float; return a dict"),
+    ],
+)
+def test_what_start_does_wrong_is_said_by_its_name(start, said):
+    with pytest.raises(UnusableInput, match=f"Axis.{said}" if "start" in said else said):
+        LogModel(checked(_with(start=start)), [_recording()])
+
+
+def test_an_effect_of_ones_own_that_fails_during_a_fit_is_said_by_its_name():
+    """It is tried with time 0 when the system is loaded, and called with times along a log."""
+
+    def late(t, state, inputs, p):
+        return {"speed_mps": p.force_n * state.position_m if np.all(t == 0.0) else inputs.wind}
+
+    port = Port.custom("late", late, {"force_n": ("N", 1.0)})
+    model = LogModel(checked(_with(ports=[port])), [_recording()])
+    with pytest.raises(UnusableInput, match="Axis: the effect 'late': input 'wind' is not there"):
+        fit(model, ("late",), (0, 1, 2))
+
+
+def test_a_class_that_cannot_be_made_is_told_by_its_file(tmp_path):
+    text = (EXAMPLES / "emps.py").read_text()
+    (tmp_path / "emps.py").write_text(f"{text}\n    def __init__(self):\n        1 / 0\n")
+    with pytest.raises(UnusableInput, match=r"emps\.py, Emps\(\): ZeroDivisionError"):
+        read_system(tmp_path / "emps.py")
 
 
 def test_a_file_is_read_and_its_errors_are_told(tmp_path):

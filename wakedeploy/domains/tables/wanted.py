@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import conversion, is_angular, si_unit, unit_at_end
+from wakedeploy.core.units import contradicted, conversion, is_angular, si_unit
 from wakedeploy.domains.tables.columns import Column
 
 Vector = NDArray[np.float64]
@@ -35,12 +35,8 @@ class Wanted:
 
     def require_honest_name(self) -> None:
         """A number in millivolts is not called `motor_v`: Python code would take it for volts."""
-        named = unit_at_end(self.name)
-        try:
-            differs = named is not None and conversion(self.unit, named) != 1
-        except ValueError:  # of another dimension: the end of the name is no unit
-            return
-        if differs:
+        named = contradicted(self.name, self.unit)
+        if named is not None:
             advice = "delete the line `to`" if self.column.to else f'give to = "{named}"'
             raise UnusableInput(
                 f"{self._file}: columns.{self.name} becomes {self.unit}, but its name says "
@@ -72,11 +68,7 @@ class Wanted:
 
 def _doubted(column: Column) -> str:
     """What speaks against a column's unit: another one of the same dimension in its name."""
-    named = unit_at_end(column.column.partition("[")[0].lower())
-    if (column.scale, column.offset) != (1.0, 0.0):
+    named = contradicted(column.column.partition("[")[0].lower(), column.unit)
+    if named is None or (column.scale, column.offset) != (1.0, 0.0):
         return ""
-    try:
-        differs = named is not None and conversion(column.unit, named) != 1
-    except ValueError:
-        return ""
-    return f"read as {column.unit}, and its name says {named}; is `unit` right?" if differs else ""
+    return f"read as {column.unit}, and its name says {named}; is `unit` right?"

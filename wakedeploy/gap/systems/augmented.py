@@ -357,7 +357,8 @@ class Acting:
     ) -> None:
         assert effect.port.function is not None
         p = Point("parameter", effect.parameters(values))
-        for name, increment in effect.port.function(time_s, state, inputs, p).items():
+        added = self.system.added(effect.port, effect.port.function, time_s, state, inputs, p)
+        for name, increment in added.items():
             rates[name] = rates[name] + increment
 
     def _sensed(

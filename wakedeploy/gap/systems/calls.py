@@ -5,25 +5,41 @@ In: a function and its points. Out: what it returned, complete and in order; Unu
 
 import re
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 
+_REAL = ("f", "i", "u", "b")  # kinds of numpy's numbers: floats, integers, truths
 _TOOK_ARRAYS = re.compile(r"truth value of an array|scalar arrays|0-dimensional arrays")
 
+Returned = TypeVar("Returned")
 
-def called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str, Any]:
-    """What a user's function returns, by name; `where` is what the user calls it."""
+
+def attempted(where: str, function: Callable[..., Returned], *given: Any) -> Returned:
+    """What a user's function returns; `where` is what the user calls it."""
     try:
-        returned = method(*points)
+        return function(*given)
     except UnusableInput:
         raise
     except Exception as error:  # whatever a user's function raises is told by its name
         raise UnusableInput(f"{where}: {_cause(error)}") from error
+
+
+def called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str, Any]:
+    """What a user's function returns, real numbers by name."""
+    returned = attempted(where, method, *points)
     if not isinstance(returned, Mapping):
         raise UnusableInput(
             f"{where} returns {type(returned).__name__}; return a dict with a value by name."
         )
+    for name, value in returned.items():
+        if not _is_real(value):
+            raise UnusableInput(
+                f"{where} gives {_shortened(value)} for {name!r}, which is no real number; return "
+                "a float, or an array of them."
+            )
     return returned
 
 
@@ -40,6 +56,22 @@ def complete(
         if name not in returned:
             raise UnusableInput(f"{where} returns nothing for the {what} {name!r}; add it.")
     return {name: returned[name] for name in wanted}
+
+
+def _is_real(value: Any) -> bool:
+    """Whether numpy takes a value, or each of its parts, for a real number."""
+    if isinstance(value, (int, float)):
+        return True
+    if isinstance(value, (list, tuple)):
+        return all(map(_is_real, value))
+    return getattr(getattr(value, "dtype", None), "kind", "") in _REAL
+
+
+def _shortened(value: Any) -> str:
+    """A number as it is, an array by what it holds."""
+    if np.ndim(value):
+        return f"an array of {np.asarray(value).dtype}"
+    return f"{value!r:.60}"
 
 
 def _cause(error: Exception) -> str:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.units import is_known
 from wakedeploy.gap.systems.calls import called
 from wakedeploy.gap.systems.system import Constant, FloatArray, Input, Output, Point, Port, System
 
@@ -18,7 +19,9 @@ _System = TypeVar("_System", bound=System)
 
 HOLDS = ("step", "linear", "bandlimited")
 MOST_STEPS = 64
+_SHOWN_ALONE = ("°C", "degC")  # no factor leads to kelvin: a log has to have the same
 _WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
+_FAR = 4.0  # spreads from its value: bounds that are offered for a constant that may turn
 
 
 def checked(system: _System) -> _System:
@@ -92,20 +95,38 @@ def _check_names(system: System) -> None:
         low, high = c.bounds
         if not (math.isfinite(c.value) and c.spread >= 0.0 and low <= c.value <= high):
             raise UnusableInput(
-                f"{system.name}: constant {c.name!r} is {c.value} with spread {c.spread} in "
-                f"[{low}, {high}]; give a finite value within its bounds, and a spread from 0."
+                f"{system.name}: constant {c.name!r} is {c.value:g} with spread {c.spread:g} in "
+                f"[{low:g}, {high:g}]; give a finite value within its bounds, and a spread from 0."
             )
         if c.keeps_sign and _WIDEST * abs(c.value) < c.spread < math.inf:
+            reach = _FAR * c.spread
             raise UnusableInput(
                 f"{system.name}: constant {c.name!r} is {c.value:g} with a spread of {c.spread:g}, "
-                f"{c.spread / abs(c.value):.0f} times its value. A spread is in the constant's "
-                f"unit: 10 % of it are {0.1 * abs(c.value):.2g}. Nobody has measured it: "
-                'float("inf").'
+                f"{c.spread / abs(c.value):.0f} times its value, and without bounds it keeps its "
+                "sign. If it may be on either side of 0, as an offset, state so: "
+                f"low={c.value - reach:.2g}, high={c.value + reach:.2g}. A spread is in the "
+                f"constant's unit: 10 % of it are {0.1 * abs(c.value):.2g}. Nobody has measured "
+                'it: float("inf").'
             )
+    _check_units(system)
     for name in (*system.process_noise, *system.start_spread):
         if name not in system.states:
             raise UnusableInput(
                 f"{system.name}: process_noise or start_spread names {name!r}, which is no state."
+            )
+
+
+def _check_units(system: System) -> None:
+    """Of what is logged, moved and constant; "" is none, and of a constant what its name says."""
+    stated = [("input", i.name, i.unit) for i in system.inputs]
+    stated += [("output", o.name, o.unit) for o in system.outputs]
+    stated += [("state", name, unit) for name, unit in system.states.items()]
+    stated += [("constant", c.name, c.unit) for c in system.constants]
+    for what, name, unit in stated:
+        if unit not in _SHOWN_ALONE and not is_known(unit):
+            raise UnusableInput(
+                f"{system.name}: {what} {name!r} has the unit {unit!r}, which is not known; give "
+                'one such as m, rad, N m, V, A or m/s^2, "1" for none.'
             )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.system import System
 
@@ -33,7 +34,8 @@ def read_system(place: str | Path) -> System:
         raise UnusableInput(f"{file}: no class derived from System; write one, see `gap init`.")
     if not wanted and len(found) > 1:
         raise UnusableInput(f"{file} has the systems {', '.join(found)}; give {file}:NAME.")
-    return checked(found[wanted or next(iter(found))]())
+    name = wanted or next(iter(found))
+    return checked(attempted(f"{file}, {name}()", found[name]))
 
 
 def read_plain(path: Path, system: System) -> Recording:

@@ -59,7 +59,11 @@ class LogModel:
         self.dt_s = 1.0 / system.rate_hz
         self.channels = tuple((o.name, o.unit) for o in system.outputs)
         self._kinematic = system.kinematic()
-        guessed = [self._guessed(log) for log in self.logs]
+        known = [self._known(log) for log in self.logs]
+        guessed = [self._stacked(k, log) for k, log in zip(known, self.logs, strict=True)]
+        self.hidden = tuple(  # states that begin at 0, since nobody tells where
+            n for n in system.states if n not in known[0] and n not in system.start_spread
+        )
         self.sizes = self._sizes(guessed)
         self.driven = self._driven()
         spread = self._start_spread()
@@ -123,6 +127,12 @@ class LogModel:
     def first_states(self) -> FloatArray:
         """Where the first log begins, as far as its outputs tell, (n,)."""
         return np.asarray(self._starts[0].states[:, 0])
+
+    def first_rates(self) -> FloatArray:
+        """What the model says about the states' rates where the logs begin, (n, logs)."""
+        states = np.array([start.states[:, 0] for start in self._starts]).T
+        inputs = np.array([log.inputs[:, 0] for log in self.logs]).T
+        return self._rates(states, inputs)
 
     def sealed(self) -> tuple[int, ...]:
         """The last quarter of the blocks, one after another: excitations may repeat."""
@@ -335,8 +345,8 @@ class LogModel:
                     )
         return bumps
 
-    def _guessed(self, log: Log) -> FloatArray:
-        """States (n, N) as far as outputs, their slopes and the user's `start` tell."""
+    def _known(self, log: Log) -> dict[str, FloatArray]:
+        """States (N,) that outputs, their slopes and the user's `start` tell."""
         smooth = {
             o.name: _smoothed(_filled(values))
             for o, values in zip(self.system.outputs, log.outputs, strict=True)
@@ -347,16 +357,26 @@ class LogModel:
             for name, other in self._kinematic.items():
                 if name in known and other not in known:
                     known[other] = _smoothed(np.gradient(known[name], self.dt_s))
-        start = self.system.start(Point("output", smooth))
-        for name, value in start.items():
-            if name not in self.system.states:
-                raise UnusableInput(
-                    f"{self.name}.start returns {name!r}, which is no state; there are: "
-                    f"{', '.join(self.system.states)}."
-                )
-            known[name] = np.broadcast_to(np.asarray(value, dtype=float), log.outputs.shape[1:])
+        return known | self._begun(smooth, log.outputs.shape[1])
+
+    def _stacked(self, known: Mapping[str, FloatArray], log: Log) -> FloatArray:
+        """States (n, N); 0 for those that nothing tells."""
         zero = np.zeros(log.outputs.shape[1])
         return np.array([known.get(n, zero) for n in self.system.states])
+
+    def _begun(self, smooth: Mapping[str, FloatArray], count: int) -> dict[str, FloatArray]:
+        """States (N,) that the user's `start` tells from outputs (N,)."""
+        begun = {}
+        for name, value in self.system.first(Point("output", smooth)).items():
+            row = np.asarray(value, dtype=float)
+            if row.shape not in ((), (1,), (count,)) or not np.all(np.isfinite(row)):
+                raise UnusableInput(
+                    f"{self.name}.start gives {name!r} the shape {row.shape}, or something that is "
+                    f"no number, where outputs have the shape {(count,)}; return one finite number "
+                    "for each."
+                )
+            begun[name] = np.broadcast_to(row, count)
+        return begun
 
     def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
         """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.

@@ -15,6 +15,7 @@ from wakedeploy.core.version import VERSION
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer
+from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.workflow import Folder
@@ -34,7 +35,9 @@ class OwnFolder(Folder):
         """What was found as a file that the system loads."""
         answer = self.name()
         write_correction(correction_of(self.log_model, self.found()[1]), self.out / CORRECTION)
-        self.exported = self.log_model.system.export(answer.as_json(), self.out)
+        system = self.log_model.system
+        where = f"{system.name}.export"
+        self.exported = attempted(where, system.export, answer.as_json(), self.out)
         return answer
 
 

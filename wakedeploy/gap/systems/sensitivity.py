@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wakedeploy.core.units import contradicted
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.separation import whitened
@@ -26,6 +27,8 @@ from wakedeploy.gap.wording import counted, minus
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
 _AHEAD, _FINER, _PLACES = 10, 4, 1000  # samples on, steps for one, places that are tried
 _AT_REST_NATS = 1e-3  # a fit's last step promises less
+_OUTSIDE = 0.5  # of the width of its limits: so far beyond them an input has another unit
+_MOVING = 0.05  # of its usual rate, from which a state is not at rest
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
 
 
@@ -88,6 +91,7 @@ def column_notes(model: LogModel) -> list[str]:
             "what sealed blocks say, come from all."
         )
     notes += _ranges(model)
+    notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]
     for i, stated in enumerate(model.system.inputs):
         notes += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))
     for i, shown in enumerate(model.system.outputs):
@@ -146,6 +150,67 @@ def _ranges(model: LogModel) -> list[str]:
         f"{name}: {minus(f'{low:.4g}')} to {minus(f'{high:.4g}')} {unit}"
         for (name, unit), (low, high) in zip(named, ends, strict=True)
     ]
+
+
+def _names(model: LogModel) -> list[str]:
+    """Columns whose names end in another unit than the system states."""
+    stated = [("input", i.name, i.unit) for i in model.system.inputs]
+    stated += [("output", o.name, o.unit) for o in model.system.outputs]
+    return [
+        f"{what} {name} is taken in {_unit(unit)}, and its name says {named}; is its unit right?"
+        for what, name, unit in stated
+        for named in [contradicted(name, unit)]
+        if named is not None
+    ]
+
+
+def _limits(model: LogModel) -> list[str]:
+    """Inputs that logs take far beyond their limits: those, or the column, have another unit."""
+    notes = []
+    for k, stated in enumerate(model.system.inputs):
+        row = np.concatenate([log.inputs[k] for log in model.logs])
+        low = -math.inf if stated.low is None else stated.low
+        high = math.inf if stated.high is None else stated.high
+        known = [end for end in (low, high) if math.isfinite(end)]
+        limits = minus(" to ".join(f"{end:.4g}" for end in known))
+        span = high - low if len(known) > 1 else max(map(abs, known), default=math.inf)
+        if max(low - float(row.min()), float(row.max()) - high) > _OUTSIDE * span:
+            notes.append(
+                f"input {stated.name} goes from {minus(f'{row.min():.4g}')} to "
+                f"{minus(f'{row.max():.4g}')} {_unit(stated.unit)}, far beyond the limits that it "
+                f"states, {limits}; is the column's unit right?"
+            )
+    return notes
+
+
+def _constants(model: LogModel) -> list[str]:
+    """Constants that no fit moves, and those whose sign none turns though their spread would."""
+    constants = model.system.constants
+    exact = [c.name for c in constants if c.spread == 0.0]
+    notes = [f"taken as exact, for want of a spread: {', '.join(exact)}."] if exact else []
+    return notes + [
+        f"constant {c.name} keeps its sign, though its spread reaches beyond 0; state low and high "
+        "if it may be on either side."
+        for c in constants
+        if c.keeps_sign and abs(c.value) < c.spread < math.inf
+    ]
+
+
+def _beginnings(model: LogModel) -> list[str]:
+    """States that begin at 0 for want of anything better, and do not stay there."""
+    rates = dict(zip(model.system.states, model.first_rates(), strict=True))
+    return [
+        f"state {name}: no output shows it and `start` does not give it, so that it begins at 0 in "
+        "every log; yet at their first samples it is not at rest there. What is wrong with that "
+        "looks like a lag or a dead time: give it by `start`, or say by start_spread how far from "
+        "0 it may be."
+        for name in model.hidden
+        if float(np.abs(rates[name]).max()) > _MOVING * model.sizes[f"d {name}"]
+    ]
+
+
+def _unit(unit: str) -> str:
+    return unit or "1"
 
 
 def _notes(what: str, values: FloatArray) -> list[str]:

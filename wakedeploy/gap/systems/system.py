@@ -331,7 +331,11 @@ class System:
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         each: list[tuple[str, Mapping[str, Any]]]
         each = [("measure", self.readings(state, inputs, self.values()))]
-        each += [(p.name, p.increments(0.0, state, inputs, 1.0)) for p in self.ports if p.function]
+        each += [
+            (p.name, self.added(p, p.increments, 0.0, state, inputs, 1.0))
+            for p in self.ports
+            if p.function
+        ]
         for what, values in each:
             for name, value in values.items():
                 found[f"{what} {name}"] = np.broadcast_to(np.asarray(value, dtype=float), 20)
@@ -362,6 +366,22 @@ class System:
         extra = () if forces is None else (forces,)
         returned = called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
         return complete(returned, self.states, f"{self.name}.{method}", "state")
+
+    def added(self, port: Port, function: Callable[..., Any], *given: Any) -> Mapping[str, Any]:
+        """What an effect of the user's own returns, with what fails in it said by its name."""
+        return called(f"{self.name}: the effect {port.name!r}", function, *given)
+
+    def first(self, measured: Point) -> dict[str, Any]:
+        """What `start` returns, with what fails in it said by name."""
+        where = f"{self.name}.start"
+        returned = called(where, self.start, measured)
+        for name in returned:
+            if name not in self.states:
+                raise UnusableInput(
+                    f"{where} returns {name!r}, which is no state; there are: "
+                    f"{', '.join(self.states)}."
+                )
+        return dict(returned)
 
     def readings(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
         """What the sensors would show: `measure`, and states for outputs that it leaves out."""
