@@ -13,11 +13,11 @@ from benchmarks.fuzz.kind import Files, Kind
 from benchmarks.fuzz.tables import csv_file
 from benchmarks.fuzz.text import NUMBERS, any_text
 from wakedeploy import Constant, Input, Output, Port, System
-from wakedeploy.cli.gap_plan_system import NAME, stated_answer, stated_sizes
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.files import read_plain
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.planning.known import NAME, stated_answer, stated_sizes
 from wakedeploy.gap.systems.system import Point
 
 LOG = "tuesday.csv"

@@ -9,7 +9,6 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.cli import main
-from wakedeploy.cli.gap_plan_system import stated_answer, stated_sizes
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import extended
@@ -17,7 +16,8 @@ from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU
-from wakedeploy.gap.systems.planning.plan import Option, Plan, plan
+from wakedeploy.gap.systems.planning.known import stated_answer, stated_sizes
+from wakedeploy.gap.systems.planning.plan import Option, Plan, plan, require_names
 from wakedeploy.gap.systems.planning.power import power
 
 RATE = 50.0
@@ -134,6 +134,30 @@ def test_sizes_come_from_a_whole_answer_of_the_same_system(model, tmp_path) -> N
         assert str(error.value).startswith(f"{tmp_path / 'name.json'}: ")
         assert says in str(error.value)
         assert "run `wakedeploy gap name` anew" in str(error.value)
+
+
+class Driven(Mass):
+    """The same from a battery, whose voltage is measured and nobody sets."""
+
+    inputs = [*Mass.inputs, Input("battery_v", "V", is_commanded=False)]
+
+
+def test_only_inputs_that_can_be_commanded_are_moved() -> None:
+    made = recorded(0)
+    battery = 12.0 + 0.1 * np.sin(made.time_s)
+    log = Recording("made", made.time_s, {**made.columns, "battery_v": battery})
+    driven = LogModel(Driven(), [log])
+    options = plan(driven, fitted_base(driven), (LAG, DEAD_TIME)).options
+    assert {o.moved for o in options} == {("force_n",)}
+    for option in options:
+        assert np.ptp(option.columns["battery_v"]) == 0.0
+        assert option.columns["battery_v"][0] == pytest.approx(battery.mean())
+
+
+def test_a_system_that_nobody_commands_has_nothing_to_plan(model) -> None:
+    held = type("Held", (Mass,), {"inputs": [Input("force_n", "N", is_commanded=False)]})
+    with pytest.raises(UnusableInput, match="no input that can be commanded"):
+        require_names(LogModel(held(), [recorded(0)]), (LAG,))
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,20 @@ class LogModel:
         self.library |= {n: e for n, e in effects.items() if n not in self.library}
         self.effects = {name: effect.free for name, effect in self.library.items()}
 
+    def require_effects(self) -> None:
+        """UnusableInput where nothing can be asked for: "nothing is missing" would be no answer."""
+        if self.library:
+            return
+        if self.system.ports:
+            raise UnusableInput(
+                f"{self.name}: its ports offer no effect that these logs could show; leave out "
+                "their `kinds`, state further ports, or record a log that moves more."
+            )
+        raise UnusableInput(
+            f"{self.name} states no ports, so that there is no effect to ask for; state where one "
+            "may act: ports = [Port.input(…), Port.force(…), Port.output(…)]."
+        )
+
     @property
     def episodes(self) -> int:
         """How many blocks there are."""

@@ -36,8 +36,10 @@ class Input:
     controller does; "linear" goes straight to the next, as a sampled signal does;
     "bandlimited" is for one that was filtered before it was sampled, as by most recorders. `unit`
     is one of the project's, "" for none; a log's column (T,) is converted to it. `low` and `high`
-    are limits that `gap plan` keeps to, without them those of the logs. A name or a unit that is
-    not known and limits in the wrong order raise UnusableInput when the system is loaded.
+    are limits that `gap plan` keeps to, without them those of the logs. With `is_commanded=False`
+    nobody can command it, as a battery's voltage that is measured: `gap plan` leaves it at its
+    logged mean. A name or a unit that is not known and limits in the wrong order raise
+    UnusableInput when the system is loaded.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Input:
     hold: str = "step"
     low: float | None = None
     high: float | None = None
+    is_commanded: bool = True
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,11 @@ from wakedeploy.gap.systems.planning.excitation import MENU, Excitation
 from wakedeploy.gap.systems.planning.imagined import imagined
 from wakedeploy.gap.systems.planning.responses import Responses, lost_nats
 
+Pair = tuple[str, ...]  # of a class; of a single effect its name alone
+Losses = Mapping[Pair, float]
+
 MARGIN_NATS = 5.9  # of which more than 3 are left four times in five
+_NOTHING = 1e-3 * MARGIN_NATS  # in one log: a thousand of them would not tell enough
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the limits, the largest that the outputs allow
 _BEYOND = 0.25  # of their range, by which outputs may leave what the logs have seen
 _MULTIPLES = 2.0 ** np.linspace(-4.0, 2.0, 13)  # of a rival's size
@@ -36,8 +40,8 @@ _LONGEST = 3000  # samples of an imagined log
 class Option:
     """An input: `moved` the inputs that it moves, by `share` of their limits, and what it tells.
 
-    `nats` of one such log, those of the closest pair where there is a class; `columns` (n,) by
-    name, the inputs to record with and outputs as they would be.
+    `nats` of one such log, of a class those of the closest pair that some input tells apart;
+    `columns` (n,) by name, the inputs to record with and outputs as they would be.
     """
 
     excitation: Excitation
@@ -50,16 +54,20 @@ class Option:
     @property
     def logs(self) -> int | None:
         """How many such logs tell enough, with margin; None where none do."""
-        return math.ceil(MARGIN_NATS / self.nats) if self.nats > 1e-3 * MARGIN_NATS else None
+        return math.ceil(MARGIN_NATS / self.nats) if self.nats > _NOTHING else None
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Options, best first, and what as long a piece of the present logs tells in `logged_nats`."""
+    """Options, best first, and what as long a piece of the present logs tells in `logged_nats`.
+
+    `alike` are pairs that no input tells apart. What options tell is of the other pairs.
+    """
 
     names: tuple[str, ...]
     options: tuple[Option, ...]
     logged_nats: float
+    alike: tuple[Pair, ...] = ()
 
     @property
     def best(self) -> Option | None:
@@ -82,34 +90,61 @@ def plan(
 ) -> Plan:
     """Judge every input of the menu; `sizes` are the effects' parameters where they are known.
 
-    Raises UnusableInput for no name, an unknown one, and a system without inputs.
+    Raises UnusableInput for no name, an unknown one, and a system whose inputs nobody can command.
     """
     chosen = tuple(dict.fromkeys(names))
-    model.acting(chosen)
-    if not chosen:
-        raise UnusableInput(f"{model.name}: no effect to look for; name one or a class of them.")
-    if not model.system.inputs:
-        raise UnusableInput(f"{model.name} has no input, so that there is none to choose.")
+    require_names(model, chosen)
     responses = Responses(model, base)
     usual = {n: tuple(map(float, responses.usual(n)[0])) for n in chosen}
     known = usual | {n: tuple(size) for n, size in (sizes or {}).items() if n in chosen}
     samples = min(max(log.inputs.shape[1] for log in model.logs), _LONGEST)
     tried = _imagined(model, base, samples)
-    options = []
+    losses = []
     for done, option in enumerate(tried, 1):
-        nats = _nats(*_at_base(model, base, option.columns), known)
-        options.append(replace(option, nats=nats))
+        losses.append(_losses(*_at_base(model, base, option.columns), known))
         steps(done, len(tried))
+    alike = _alike(losses)
+    options = [replace(o, nats=_least(of, alike)) for o, of in zip(tried, losses, strict=True)]
     order = sorted(options, key=lambda o: -o.nats)
     share = samples / sum(log.inputs.shape[1] for log in model.logs)
-    return Plan(chosen, tuple(order), share * _nats(model, base, known))
+    logged = share * _least(_losses(model, base, known), alike)
+    return Plan(chosen, tuple(order), logged, alike)
+
+
+def _alike(losses: Sequence[Losses]) -> tuple[Pair, ...]:
+    """Pairs that no input tells apart, where each is tried: more of them would not help either."""
+    pairs = losses[0] if losses else {}
+    return tuple(p for p in pairs if len(p) > 1 and not max(of[p] for of in losses) > _NOTHING)
+
+
+def _least(losses: Losses, alike: Sequence[Pair]) -> float:
+    """Of the pairs that some input tells apart; of all where there are none such."""
+    told = [nats for pair, nats in losses.items() if pair not in alike]
+    return min(told or losses.values())
+
+
+def require_names(model: LogModel, names: Sequence[str]) -> None:
+    """UnusableInput for what no plan can look for: no name, no such effect, nothing to command."""
+    model.require_effects()
+    model.acting(tuple(names))
+    if not names:
+        raise UnusableInput(f"{model.name}: no effect to look for; name one or a class of them.")
+    if not commanded(model):
+        raise UnusableInput(
+            f"{model.name} has no input that can be commanded, so that there is none to choose."
+        )
+
+
+def commanded(model: LogModel) -> tuple[str, ...]:
+    """The inputs that a person can choose."""
+    return tuple(i.name for i in model.system.inputs if i.is_commanded)
 
 
 def _candidates(model: LogModel) -> Iterator[tuple[Excitation, tuple[str, ...]]]:
-    """Every shape for each input alone, and for all together."""
-    alone = [(i.name,) for i in model.system.inputs]
-    together = [tuple(i.name for i in model.system.inputs)] if len(alone) > 1 else []
-    yield from itertools.product(MENU, alone + together)
+    """Every shape for each commanded input alone, and for all together."""
+    together = commanded(model)
+    alone = [(name,) for name in together]
+    yield from itertools.product(MENU, [*alone, together] if len(alone) > 1 else alone)
 
 
 def _imagined(model: LogModel, base: Fit, samples: int) -> list[Option]:
@@ -178,13 +213,16 @@ def _at_base(model: LogModel, base: Fit, columns: Mapping[str, FloatArray]) -> t
                           per_episode=per_block)  # fmt: skip
 
 
-def _nats(model: LogModel, base: Fit, sizes: Mapping[str, Sequence[float]]) -> float:
-    """What the closest rival of a class loses, or what a single effect gains."""
+def _losses(model: LogModel, base: Fit, sizes: Mapping[str, Sequence[float]]) -> Losses:
+    """What the rival of each pair of a class loses, or by its own name what an effect gains."""
     responses = Responses(model, base)
     points = {n: np.array([size], dtype=float) for n, size in sizes.items()}
     truths = {n: responses.of(n, at)[0] for n, at in points.items()}
     if len(sizes) == 1:
-        return float(0.5 * sum(t @ t for t in truths.values()))
+        return {(n,): float(0.5 * (t @ t)) for n, t in truths.items()}
     curves = {n: responses.of(n, responses.scaled(n, at, _MULTIPLES)[0])[None]
               for n, at in points.items()}  # fmt: skip
-    return min(lost_nats(truths[n], curves[rival]) for n, rival in itertools.permutations(sizes, 2))
+    return {
+        (a, b): min(lost_nats(truths[a], curves[b]), lost_nats(truths[b], curves[a]))
+        for a, b in itertools.combinations(sizes, 2)
+    }

@@ -62,6 +62,7 @@ def power(
     Of all, without those that have no size, as a sensor's limit, which vanishes far away.
     Raises UnusableInput for an effect that the system does not have, or that has no size.
     """
+    model.require_effects()
     sized = [n for n, free in model.effects.items() if any(f.neutral == 0.0 for f in free)]
     chosen = tuple(sized if names is None else names)
     model.acting(chosen)

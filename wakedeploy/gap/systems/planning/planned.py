@@ -1,0 +1,107 @@
+"""What a plan came to, as plan.json and as a sentence: `gap close` and `gap plan` say the same.
+
+In: a `Plan`. Out: the input to record next, or why none is worth it.
+"""
+
+from pydantic import Field
+
+from wakedeploy.gap.search.artefacts import Artefact, Number
+from wakedeploy.gap.systems.planning.plan import Plan
+from wakedeploy.gap.wording import counted, listed
+
+INSTEAD = "Check columns and units, widen the limits of `Input`, or add a sensor."
+
+
+class Planned(Artefact):
+    """plan.json: the input to record for a class, "" for none, and what was tried.
+
+    `nats` are those of the best input in one log, `logged_nats` those of as much of the present
+    logs; `logs` such logs decide it. `moved` are the inputs that it moves. `tried` counts inputs
+    that keep the outputs near what the logs have seen, `alike` are pairs that none tells apart.
+    """
+
+    rivals: list[str] = Field(alias="class")
+    input: str = ""
+    moved: tuple[str, ...] = ()
+    seconds: Number = 0.0
+    logs: int = 0
+    nats: Number = 0.0
+    logged_nats: Number = 0.0
+    tried: int = 0
+    alike: tuple[tuple[str, ...], ...] = ()
+    can_command: bool = True
+
+    @property
+    def splits(self) -> bool:
+        """Whether there is an input that is worth recording."""
+        return bool(self.input)
+
+    @property
+    def sentence(self) -> str:
+        """What to record, or why nothing."""
+        if not self.can_command:
+            return f"No input can be commanded, so that none can be planned. {INSTEAD}"
+        if not self.tried:
+            return (
+                "Record none: every input that was tried takes the outputs far beyond what the "
+                f"logs have seen, within few samples. {INSTEAD}"
+            )
+        if not self.splits:
+            return " ".join([self._none_worth_it, *self._same, INSTEAD])
+        return " ".join(
+            [
+                f"Record {self.input} on {listed(self.moved)}: {self.nats:.3g} nats in "
+                f"{self.seconds:.0f} s, where {self._present}.",
+                f"To decide it with margin takes {counted(self.logs, 'such log')}.",
+                *self._same,
+            ]
+        )
+
+    @property
+    def _present(self) -> str:
+        return f"as much of the present logs has {self.logged_nats:.3g}"
+
+    @property
+    def _none_worth_it(self) -> str:
+        if not self.nats > 0.0 or self._all_alike:
+            return "Record none of these: they tell nothing of it."
+        return (
+            f"Record none of these: the best tells {self.nats:.3g} nats in one log, and "
+            f"{self._present}. If those do not decide it, such a log hardly will."
+        )
+
+    @property
+    def _all_alike(self) -> bool:
+        count = len(self.rivals)
+        return bool(self.alike) and len(self.alike) == count * (count - 1) // 2
+
+    @property
+    def _same(self) -> list[str]:
+        """Which members stay alike, whatever is recorded."""
+        if not self.alike:
+            return []
+        pairs = [" and ".join(f"`{name}`" for name in pair) for pair in self.alike]
+        return [f"No input that was tried tells apart {listed(pairs)}."]
+
+
+def planned(made: Plan, domain: str, key: str = "") -> Planned:
+    """A plan as it is kept and told."""
+    best, richest = made.best, max((option.nats for option in made.options), default=0.0)
+    return Planned(
+        domain=domain,
+        key=key,
+        rivals=list(made.names),
+        input="" if best is None else best.excitation.name,
+        moved=() if best is None else best.moved,
+        seconds=0.0 if best is None else best.seconds,
+        logs=0 if best is None else best.logs or 0,
+        nats=richest if best is None else best.nats,
+        logged_nats=made.logged_nats,
+        tried=len(made.options),
+        alike=made.alike,
+    )
+
+
+def unplannable(names: list[str], domain: str, key: str = "") -> Planned:
+    """Of a system whose inputs nobody can command."""
+    return Planned(domain=domain, key=key, rivals=names, can_command=False)
