@@ -20,6 +20,7 @@ _FROM = {
     "import_table": "wakedeploy.api.logs",
     "guess_columns": "wakedeploy.api.logs",
     "read_log": "wakedeploy.api.logs",
+    "Recording": "wakedeploy.core.recording",
     "EpisodeSet": "wakedeploy.core.episodes",
     "Episode": "wakedeploy.core.episodes",
     "Channel": "wakedeploy.core.episodes",

@@ -23,6 +23,7 @@ from wakedeploy.core.episodes import EpisodeSet as EpisodeSet
 from wakedeploy.core.errors import CheckFailed as CheckFailed
 from wakedeploy.core.errors import UnusableInput as UnusableInput
 from wakedeploy.core.errors import WakedeployError as WakedeployError
+from wakedeploy.core.recording import Recording as Recording
 from wakedeploy.core.rig import Rig as Rig
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem as MjcfSystem
 from wakedeploy.gap.systems.system import Constant as Constant

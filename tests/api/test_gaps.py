@@ -30,7 +30,8 @@ def closed(tmp_path_factory: pytest.TempPathFactory) -> wd.Gap:
 @pytest.mark.slow
 def test_of_one_flight_it_concludes_nothing_and_says_so(closed: wd.Gap) -> None:
     assert closed.effects == closed.classes == ()
-    assert closed.rig is None
+    assert closed.rig is closed.corrected is None
+    assert closed.plot().axes
     assert "flight" in closed.account
     assert closed.result.as_json() == json.loads((closed.folder / "result.json").read_text())
     assert wd.Gap.read(closed.folder).account == closed.account
@@ -56,6 +57,14 @@ def test_its_parameters_are_a_table(named: wd.Gap) -> None:
     (row,) = named.to_pandas().to_dict("records")
     assert row == {"effect": "ground-effect", "parameter": "gain", "value": 0.31,
                    "low": 0.25, "high": 0.36, "unit": "1"}  # fmt: skip
+
+
+def test_what_was_not_shown_is_not_drawn_and_what_was_not_kept_is_no_ranking(named: wd.Gap) -> None:
+    assert named.corrected is None
+    with pytest.raises(wd.UnusableInput, match="nothing is shown yet"):
+        named.plot()
+    with pytest.raises(wd.UnusableInput, match=r"there is no name\.json"):
+        named.to_pandas("ranking")
 
 
 def test_a_folder_without_a_result_is_refused(tmp_path: Path) -> None:

@@ -206,9 +206,16 @@ def test_ctrl_c_with_a_system_of_ones_own_gives_the_command_back(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.cli.gap_system.open_model", interrupted)
+    monkeypatch.setattr("wakedeploy.api.systems.log_model", interrupted)
     monkeypatch.setattr("sys.argv", ["wakedeploy", "gap", "close", "--system", "my robot.py"])
     own = ["--system", "my robot.py", "--measured", str(folder / "flight.csv")]
     told = CliRunner().invoke(main, ["gap", "close", *own, "--out", str(folder / "own")])
     assert told.exit_code == 130
     assert "wakedeploy gap close --system 'my robot.py'\n" in told.stderr
+
+
+def test_a_folder_in_the_place_of_flights_says_what_to_give(folder: Path) -> None:
+    words = ["--rig", str(folder / "rig.toml"), "--measured", str(folder)]
+    told = CliRunner().invoke(main, ["gap", "find", *words, "--out", str(folder / "out")])
+    assert told.exit_code == 2
+    assert f"{folder} is a folder; of a rig give the run logs" in told.stderr

@@ -11,7 +11,6 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli.gap import command
-from wakedeploy.cli.gap_system import next_commands
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.gap.search.artefacts import Answer
@@ -24,6 +23,7 @@ from wakedeploy.gap.systems.correction import (
 )
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.next_commands import next_commands
 from wakedeploy.gap.systems.words import sentences
 
 

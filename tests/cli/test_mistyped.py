@@ -1,5 +1,7 @@
 """What is mistyped, or spelled as elsewhere, is understood, or answered with what exists."""
 
+from pathlib import Path
+
 import click
 import pytest
 from click.testing import CliRunner, Result
@@ -185,3 +187,22 @@ def test_recordings_are_called_by_their_authors_name_too() -> None:
     ended = CliRunner().invoke(main, ["data", "import", "FlareDW", "--help"])
     assert ended.exit_code == 0
     assert "data import quadrotor [OPTIONS] PATH" in ended.output
+
+
+@pytest.mark.parametrize("step", ["close", "find", "name", "check", "plan"])
+@pytest.mark.parametrize("option", ["--mjcf", "--model"])
+def test_a_mujoco_model_in_the_place_of_a_system_is_answered_with_what_makes_one(
+    step: str, option: str
+) -> None:
+    told = typed(f"gap {step} {option} arm.xml").stderr
+    assert "`wakedeploy gap init my_robot.py --mjcf MODEL.xml`" in told
+    assert "Did you mean" not in told
+
+
+@pytest.mark.parametrize("option", ["--rig", "--system"])
+def test_a_mujoco_model_as_rig_or_system_is_answered_so_too(option: str, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time_s\n")
+    (tmp_path / "arm.xml").write_text("<mujoco/>")
+    words = f"gap find {option} {tmp_path}/arm.xml --measured {tmp_path}/log.csv --out {tmp_path}/g"
+    told = typed(words).stderr
+    assert "is a MuJoCo model; `wakedeploy gap init my_robot.py --mjcf MODEL.xml`" in told

@@ -82,9 +82,10 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
         workers_option("Processes for the rig's thresholds, simulated once."),
         click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
                      help="Folder for artefacts, figures and report."),
-        click.option("--measured", type=_FILE, multiple=True, required=True,
+        click.option("--measured", type=click.Path(path_type=Path), multiple=True, required=True,
                      help="Run logs of a rig, four or more, the last of which is sealed (from six "
-                          "on, two); of a system one or more, a quarter of which is sealed."),
+                          "on, two); of a system one or more, files or folders, a quarter of which "
+                          "is sealed."),
         click.option("--columns", type=_FILE,
                      help="With --system: what the logs' columns mean."),
         click.option("--system", "system_path", type=click.Path(path_type=Path),
@@ -94,6 +95,18 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
     ):  # fmt: skip
         function = option(function)
     return _of_rig_or_system(function)
+
+
+def _require_flights(rig_path: Path, measured: tuple[Path, ...]) -> None:
+    """UnusableInput for a rig that is a model of MuJoCo, and for a folder in the place of a log."""
+    from wakedeploy.core.errors import UnusableInput
+    from wakedeploy.gap.systems.files import OF_MJCF, is_mjcf
+
+    if is_mjcf(rig_path):
+        raise UnusableInput(f"{rig_path} {OF_MJCF}")
+    folder = next((path for path in measured if path.is_dir()), None)
+    if folder is not None:
+        raise UnusableInput(f"{folder} is a folder; of a rig give the run logs, {folder}/*.mcap.")
 
 
 def _step_of_rig(of_rig: Callable[..., Any], rig_path: Path, given: dict[str, Any]) -> None:
@@ -130,12 +143,13 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
             if columns is not None:
                 raise click.UsageError("'--columns' goes with '--system'.")
             assert rig_path is not None
+            _require_flights(rig_path, given["measured"])
             _step_of_rig(of_rig, rig_path, given)
             return
         from wakedeploy.cli.gap_system import run_steps
         from wakedeploy.gap.folder import require_logs
 
-        common = {"rig_path", "measured", "out", "workers", "json_path"}
+        common = {"rig_path", "measured", "out", "workers", "json_path", "only"}
         for name in given.keys() - common:
             source = click.get_current_context().get_parameter_source(name)
             if source is not click.core.ParameterSource.DEFAULT:
@@ -144,7 +158,13 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
         name = str(click.get_current_context().info_name)
         try:
             run_steps(
-                name, system_path, given["measured"], columns, given["out"], given["json_path"]
+                name,
+                system_path,
+                given["measured"],
+                columns,
+                given["out"],
+                given["json_path"],
+                given.get("only"),
             )
         except KeyboardInterrupt:
             click.echo(f"The same command: {same_command()}", err=True)
@@ -254,7 +274,7 @@ def _gain_of(named: "Name", searched: "Round") -> str:
 @click.option(
     "--effect",
     "only",
-    type=EFFECT,
+    shell_complete=EFFECT.shell_complete,
     help="Add this effect of the ranking, as one member of a class.",
 )
 @click.option("--from-symbolic", is_flag=True, help="Add the expression of an unknown effect.")
@@ -272,6 +292,7 @@ def add_effect(
     \b
     Example:
         wakedeploy gap add --system my_robot.py --measured log.csv --out gap
+        wakedeploy gap add --system my_robot.py --measured log.csv --out gap --effect lag@motor_v
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --effect stiction
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
@@ -282,6 +303,8 @@ def add_effect(
 
     if from_symbolic and only is not None:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
+    if only is not None:
+        only = EFFECT.convert(only, None, click.get_current_context())
     case = _case(rig_path, measured, out, workers)
     added = add(case, out, from_symbolic=from_symbolic, only=only)
     names = ", ".join(effect.name for effect in added.effects)

@@ -1,6 +1,5 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,10 +10,8 @@ from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.output import json_option, print_table, warn, write_json
 
 if TYPE_CHECKING:
-    from wakedeploy.core.recording import Recording
-    from wakedeploy.gap.search.artefacts import Result
+    from wakedeploy.api.systems import Taken
     from wakedeploy.gap.systems.logs import LogModel
-    from wakedeploy.gap.systems.system import System
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _NOTHING = 1e-3  # standard deviations that no log shows
@@ -146,6 +143,7 @@ def simulate(
         wakedeploy gap simulate --system my_robot.py --measured log.csv
         wakedeploy gap simulate --system my_robot.py --measured log.csv --correction correction.toml
     """
+    from wakedeploy.api.systems import recordings_of
     from wakedeploy.gap.systems.files import read_system
     from wakedeploy.gap.systems.simulation import replay_error
 
@@ -154,7 +152,7 @@ def simulate(
     system = read_system(system_path)
     better = None if correction is None else type(system).corrected(correction)
     rows, errors = [], {}
-    for recording in recordings(measured, columns, system):
+    for recording in recordings_of(measured, columns, system, warn):
         plain = replay_error(system, recording)
         after = {} if better is None else replay_error(better, recording)
         errors[recording.name] = {"without": plain, "with": after}
@@ -169,29 +167,9 @@ def simulate(
 
 def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
     """A system and its logs."""
-    from wakedeploy.gap.systems.files import read_system
-    from wakedeploy.gap.systems.logs import LogModel
+    from wakedeploy.api.systems import log_model
 
-    system = read_system(system_path)
-    return LogModel(system, recordings(measured, columns, system))
-
-
-def recordings(
-    measured: tuple[Path, ...], columns: Path | None, system: "System"
-) -> "list[Recording]":
-    """The logs, by `columns.toml`, or as CSV whose columns have the system's names."""
-    if columns is None:
-        from wakedeploy.gap.systems.files import read_plain
-
-        return [read_plain(path, system) for path in measured]
-    from wakedeploy.domains.tables.columns import read_columns
-    from wakedeploy.domains.tables.reading import read_recordings
-
-    units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
-    reading = read_recordings(list(measured), read_columns(columns), units)
-    for note in reading.notes:
-        warn(note)
-    return list(reading.recordings)
+    return log_model(system_path, measured, columns, warn)
 
 
 def run_steps(
@@ -201,75 +179,48 @@ def run_steps(
     columns: Path | None,
     out: Path,
     json_path: Path | None,
+    only: str | None = None,
 ) -> None:
     """`find`, `name`, `add`, `show` or `close` of a user's system, into a folder."""
-    from wakedeploy.gap.folder import at_work
-    from wakedeploy.gap.report.system_page import write_page
-    from wakedeploy.gap.search.artefacts import Artefact, Result
-    from wakedeploy.gap.systems.own_folder import CORRECTION, OwnFolder
-    from wakedeploy.gap.systems.words import first_screen, next_step, remarks, sentences
-    from wakedeploy.gap.workflow import run
+    from wakedeploy.api.gaps import close_gap
+    from wakedeploy.api.systems import Taken, take
+    from wakedeploy.gap.search.artefacts import Result
 
-    page: Path | None = None
-    after: list[str] = []
-    out.mkdir(parents=True, exist_ok=True)
-    with at_work(out), stages() as progress:
-        progress("reading the logs")
-        folder = OwnFolder(open_model(system_path, measured, columns), out, progress)
-        try:
-            artefact: Artefact = run(folder, step)
-            if isinstance(artefact, Result):
-                progress("drawing the report")
-                after = next_commands(artefact, system_path, measured, columns, out)
-                page = write_page(
-                    artefact,
-                    out,
-                    answers=first_screen(artefact),
-                    remarks=remarks(artefact),
-                    next_step=(next_step(artefact), after),
+    try:
+        with stages() as progress:
+            if step == "close":
+                gap = close_gap(
+                    system_path, measured, out, columns=columns, progress=progress, warn=warn
                 )
-        except KeyboardInterrupt:
-            click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
-            raise
-    for sentence in sentences(artefact):
-        click.echo(sentence)
-    if step not in ("find", "name"):
-        click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
-        for line in folder.exported:
-            click.echo(line)
-    if page is not None:
-        click.echo(f"Report: {page}")
-    for command in after:
-        click.echo(f"Next: {command}")
+                assert isinstance(gap.result, Result)
+                taken = Taken(gap.result, gap.files, gap.next)
+            else:
+                taken = take(step, system_path, measured, columns, out, progress, warn, only=only)
+    except KeyboardInterrupt:
+        click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
+        raise
+    _tell(taken, out, only, is_added=step not in ("find", "name"))
     if json_path:
-        artefact.write(json_path)
+        write_json(json_path, taken.told.as_json())
 
 
-def next_commands(
-    result: "Result", system_path: Path, measured: tuple[Path, ...], columns: Path | None, out: Path
-) -> list[str]:
-    """Replay a further log; plan what tells a class apart; else see what these logs show.
+def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> None:
+    """What a step told, the files that it left, and what may follow."""
+    from wakedeploy.gap.search.artefacts import Result
+    from wakedeploy.gap.systems.own_folder import CORRECTION, planned_in
+    from wakedeploy.gap.systems.words import sentences
 
-    The further log is not there yet: its name stands for it.
-    """
-    from wakedeploy.gap.systems.own_folder import CORRECTION
-    from wakedeploy.gap.systems.words import FURTHER_LOG
-
-    system, folder = shlex.quote(str(system_path)), shlex.quote(str(out))
-    searched = [f"--measured {shlex.quote(str(path))}" for path in measured]
-    further = f"--measured {shlex.quote(FURTHER_LOG + measured[0].suffix)}"
-    by = [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
-    logs = " ".join(searched + by)
-    if result.verdict == "none" and not result.moved:
-        return [f"wakedeploy gap power --system {system} {logs}"]
-    if result.verdict == "unknown" or result.moved or not result.effects:
-        return [f"wakedeploy gap check {system} {logs}"]
-    if result.verdict != "class":
-        correction = shlex.quote(str(out / CORRECTION))
-        replayed = " ".join([further, *by])
-        return [f"wakedeploy gap simulate --system {system} {replayed} --correction {correction}"]
-    all_logs = " ".join([*searched, further, *by])
-    return [
-        f"wakedeploy gap plan --system {system} {logs} --out {folder} --write-input next.csv",
-        f"wakedeploy gap close --system {system} {all_logs} --out {folder}",
-    ]
+    told = taken.told
+    planned = planned_in(out, told) if isinstance(told, Result) else None
+    for sentence in sentences(told, planned):
+        click.echo(sentence)
+    if only is not None:
+        click.echo(f"Added as you asked: {only}, beside what is sure.")
+    if is_added:
+        click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
+        for line in taken.exported:
+            click.echo(line)
+    if isinstance(told, Result):
+        click.echo(f"Report: {out / 'report.html'}")
+    for command in taken.next:
+        click.echo(f"Next: {command}")

@@ -69,6 +69,11 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "-s": ("--seed", "--seeds"),
 }
 _RUNS = "The runs' folder stands alone: wakedeploy evaluate runs --data SET."
+_MJCF_OPTIONS = ("--mjcf", "--model", "--xml")
+_MJCF = (  # where there is a --system
+    "A MuJoCo model becomes a system by `wakedeploy gap init my_robot.py --mjcf MODEL.xml`; give "
+    "that file by --system."
+)
 # What is no option here, and where it is instead.
 ELSEWHERE: Mapping[tuple[str, str], str] = {
     ("evaluate", "--run"): _RUNS,
@@ -147,6 +152,8 @@ def _no_option(error: click.NoSuchOption, ctx: click.Context) -> click.UsageErro
     advice = ELSEWHERE.get((str(ctx.info_name), _SAME.get(asked, asked)))
     if known is not None:
         advice = f"Did you mean '{known}'?"
+    if asked in _MJCF_OPTIONS and "--system" in has:
+        advice = _MJCF
     if advice is None:
         return error
     return click.UsageError(f"No such option '{error.option_name}'. {advice}", ctx)

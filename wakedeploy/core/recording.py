@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One uninterrupted piece of a log.
 
-    `time_s` (n,) rises in equal steps; each of `columns` is (n,), by the name that the user's
-    system gives it. A sample that was not measured is NaN.
+    `time_s` (T,) rises in equal steps [s]; each of `columns` is (T,), by the name that the user's
+    system gives it and in its unit. A sample that was not measured is NaN.
 
     Raises UnusableInput for columns of another length, or fewer than two samples.
     """
@@ -34,6 +34,11 @@ class Recording:
                     f"{self.name}: column {column!r} has shape {np.shape(values)}, the time "
                     f"has {np.shape(self.time_s)}."
                 )
+
+    def __repr__(self) -> str:
+        """Its columns, and how long it is."""
+        columns = ", ".join(self.columns) or "no column"
+        return f"<Recording {self.name}: {columns}; {len(self.time_s)} at {self.rate_hz:g} Hz>"
 
     @property
     def rate_hz(self) -> float:

@@ -1,10 +1,11 @@
 """A folder that steps work in: one of them at a time."""
 
 import contextlib
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput, why
 from wakedeploy.core.files import remove_unfinished
 from wakedeploy.core.locks import alone
 
@@ -19,6 +20,22 @@ def at_work(folder: Path) -> Iterator[None]:
         for place in (folder, folder / "figures"):
             remove_unfinished(place)
         yield
+
+
+def made(folder: Path) -> Path:
+    """The folder, made where it was not there; UnusableInput where nothing can be written to it.
+
+    Minutes of fitting should not end at a full or foreign disk.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise UnusableInput(
+            f"{folder}: cannot be written to ({why(error)}); choose another --out."
+        ) from error
+    return folder
 
 
 def require_logs(measured: Sequence[Path]) -> None:

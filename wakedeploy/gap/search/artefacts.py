@@ -460,6 +460,18 @@ def read(path: Path, kind: type[Kind], key: str) -> Kind | None:
     return stated(path, content, kind, "delete it to run the step anew")
 
 
+def read_result(path: Path) -> Result:
+    """What all steps have left; UnusableInput where it cannot be read, or is of another form."""
+    again = "run `wakedeploy gap close` again"
+    try:
+        content = json_of(text_of(path))
+    except (OSError, ValueError) as error:
+        raise UnusableInput(f"{path} cannot be read; {again}.") from error
+    if not isinstance(content, dict):
+        raise UnusableInput(f"{path} holds no JSON object; {again}.")
+    return stated(path, content, Result, again)
+
+
 Form = TypeVar("Form", bound=Part)
 
 

@@ -15,6 +15,10 @@ from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.system import System
 
+OF_MJCF = (
+    "is a MuJoCo model; `wakedeploy gap init my_robot.py --mjcf MODEL.xml` makes it a system, and "
+    "that file is what --system takes."
+)
 _LATEST_S = 1e11  # seconds: clocks since 1970 show a sixtieth of it
 _LARGEST = 1e15  # in any unit, nothing that was measured is so large
 
@@ -36,6 +40,11 @@ def read_system(place: str | Path) -> System:
         raise UnusableInput(f"{file} has the systems {', '.join(found)}; give {file}:NAME.")
     name = wanted or next(iter(found))
     return checked(attempted(f"{file}, {name}()", found[name]))
+
+
+def is_mjcf(path: Path) -> bool:
+    """Whether a file is a MuJoCo model, by its name."""
+    return path.suffix.lower() in (".xml", ".mjcf")
 
 
 def read_plain(path: Path, system: System) -> Recording:
@@ -83,6 +92,8 @@ def read_plain(path: Path, system: System) -> Recording:
 
 
 def _module(file: Path) -> ModuleType:
+    if is_mjcf(file):
+        raise UnusableInput(f"{file} {OF_MJCF}")
     if not file.is_file():
         first = shlex.quote(str(file.with_suffix(".py")))
         raise UnusableInput(

@@ -1,10 +1,11 @@
 """The steps of a user's system in a folder: what each leaves, and what the next one reads.
 
-In: a `LogModel` and a folder. Out: find.json, name.json, correction.toml and domain.json, which
-`gap.report.system_page` draws. What has run for the same system and logs, by the same rules, is not
-repeated.
+In: a `LogModel` and a folder. Out: find.json, name.json, correction.toml, of a class plan.json, and
+domain.json, which `gap.report.system_page` draws. What has run for the same system and logs, by
+the same rules, is not repeated.
 """
 
+import functools
 import hashlib
 from dataclasses import replace
 from pathlib import Path
@@ -12,33 +13,92 @@ from pathlib import Path
 import numpy as np
 
 from wakedeploy.core.version import VERSION
+from wakedeploy.gap.evidence.fits import Fit
+from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Answer
+from wakedeploy.gap.search.artefacts import Answer, Result, read
+from wakedeploy.gap.search.comparison import theta_from
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.planning.known import stated_sizes
+from wakedeploy.gap.systems.planning.plan import commanded, plan
+from wakedeploy.gap.systems.planning.planned import Planned, planned, unplannable
 from wakedeploy.gap.workflow import Folder
 
-CORRECTION = "correction.toml"
+CORRECTION, PLAN = "correction.toml", "plan.json"
 
 
 class OwnFolder(Folder):
-    """The steps of a system and its logs; `exported` tells of further files that `add` wrote."""
+    """The steps of a system and its logs; `exported` tells of further files that `add` wrote.
 
-    def __init__(self, model: LogModel, out: Path, progress: Progress = quiet) -> None:
+    With `only`, `add` adds that effect in the place of a class.
+    """
+
+    def __init__(
+        self, model: LogModel, out: Path, progress: Progress = quiet, only: str | None = None
+    ) -> None:
+        model.require_effects()
+        if only is not None:
+            model.acting((only,))  # says which there are
         super().__init__(model, out, _key(model), model.horizon * model.dt_s, progress)
-        self.log_model = model
+        self.log_model, self.only = model, only
         self.exported: list[str] = []
 
     def add(self) -> Answer:
-        """What was found as a file that the system loads."""
+        """What was found, or the effect that was asked for, as a file that the system loads."""
         answer = self.name()
-        write_correction(correction_of(self.log_model, self.found()[1]), self.out / CORRECTION)
+        fitted = self.found()[1] if self.only is None else self._with_member(answer, self.only)
+        write_correction(correction_of(self.log_model, fitted), self.out / CORRECTION)
         system = self.log_model.system
         where = f"{system.name}.export"
         self.exported = attempted(where, system.export, answer.as_json(), self.out)
         return answer
+
+    def plan(self) -> Planned | None:
+        """Whether an input splits the class that was found: plan.json; None where none is open."""
+        answer, path = self.name(), self.out / PLAN
+        if answer.verdict != "class":
+            path.unlink(missing_ok=True)  # of an earlier answer
+            return None
+        known = read(path, Planned, self.key)
+        if known is not None:
+            return known
+        made = self._planned(answer)
+        made.write(path)
+        return made
+
+    def _planned(self, answer: Answer) -> Planned:
+        model = self.log_model
+        if not commanded(model):
+            return unplannable(answer.rivals, model.name, self.key)
+        sizes = stated_sizes(self.out, answer, model, answer.rivals)
+        stage = functools.partial(self.progress, "trying inputs that could split the class")
+        made = plan(model, self.base(), answer.rivals, sizes, stage)
+        return planned(made, model.name, self.key)
+
+    def _with_member(self, answer: Answer, name: str) -> Fit:
+        """The fit of what is sure beside a class, and of this effect."""
+        model, found = self.found()
+        sure = [e.name for e in answer.effects if e.name not in (*answer.rivals, name)]
+        hypothesis = (*sure, name)
+        if hypothesis == found.hypothesis:
+            return found
+        self.progress(f"fitting {name}")
+        sizes = stated_sizes(self.out, answer, self.log_model, [name]).get(name)
+        first = sizes or [f.starts[0] if f.starts else f.neutral for f in model.effects[name]]
+        places = dict(zip((f.name for f in model.effects[name]), first, strict=True))
+        near = theta_from(model, hypothesis, found)
+        theta = np.array(
+            [places.get(f.name, x) for f, x in zip(model.free(hypothesis), near, strict=True)]
+        )
+        return settled(model, fit(model, hypothesis, found.episodes, theta))[0]
+
+
+def planned_in(out: Path, result: Result) -> Planned | None:
+    """What a plan came to for the class of a result; None where none was made."""
+    return read(out / PLAN, Planned, result.key) if result.verdict == "class" else None
 
 
 def _key(model: LogModel) -> str:

@@ -6,6 +6,7 @@ the place of the numbers, and the remarks.
 """
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from wakedeploy.gap.search.artefacts import (
     Answer,
@@ -29,6 +30,9 @@ from wakedeploy.gap.wording import (
     quantity,
 )
 
+if TYPE_CHECKING:
+    from wakedeploy.gap.systems.planning.planned import Planned
+
 FURTHER_LOG = "new"  # stands in commands for a log that was not searched
 _MOST_PLACES, _MOST_RANKED = 6, 5
 _FAR_AHEAD = (
@@ -38,8 +42,8 @@ _FAR_AHEAD = (
 _MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
 
-def sentences(artefact: Artefact) -> list[str]:
-    """The lines that a command prints."""
+def sentences(artefact: Artefact, planned: "Planned | None" = None) -> list[str]:
+    """The lines that a command prints; `planned` is what a plan for its class came to."""
     if isinstance(artefact, Disagreements) and not isinstance(artefact, Result):
         return _found(artefact)
     assert isinstance(artefact, Answer)
@@ -47,16 +51,16 @@ def sentences(artefact: Artefact) -> list[str]:
     if not isinstance(artefact, Result):
         return [*_verdict(artefact), *detail]
     detail += _gap(artefact)
-    return [*first_screen(artefact), *([DETAILS] if detail else []), *detail]
+    return [*first_screen(artefact, planned), *([DETAILS] if detail else []), *detail]
 
 
-def first_screen(result: Result) -> list[str]:
+def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
     """The verdict, and three answers."""
     return [
         *_verdict(result),
         f"Does it matter? {_importance(result)}",
         f"How sure is that? {_certainty(result)}",
-        f"What next? {next_step(result)}",
+        f"What next? {next_step(result, planned)}",
     ]
 
 
@@ -159,7 +163,7 @@ def _certainty(result: Result) -> str:
     return f"{beyond} {found}; the {apart} do not confirm it: record more."
 
 
-def next_step(result: Result) -> str:
+def next_step(result: Result, planned: "Planned | None" = None) -> str:
     """What to do; the commands stand below."""
     if result.moved:
         return (
@@ -167,10 +171,7 @@ def next_step(result: Result) -> str:
             "each column in the system's unit."
         )
     if result.verdict == "class":
-        return (
-            "Record the input that tells them apart, and ask again with that log, too. In the "
-            f"commands below it is called {FURTHER_LOG}."
-        )
+        return _open_class(result, planned)
     if result.effects and result.verdict == "named":
         return (
             "Replay a log that took no part with the correction, then use the corrected system. In "
@@ -191,6 +192,30 @@ def late_words(late: Mapping[str, float]) -> list[str]:
         f"(shift_s = {-seconds:.3g} in [columns.{name}]); else the system delays it too much."
         for name, seconds in late.items()
     ]
+
+
+def members(answer: Answer) -> tuple[str, str]:
+    """Of a class, the effect that the correction has, and the next that could stand there."""
+    named = {effect.name for effect in answer.effects}
+    has = next((name for name in answer.rivals if name in named), answer.rivals[0])
+    return has, next((name for name in answer.rivals if name != has), has)
+
+
+def _open_class(result: Result, planned: "Planned | None") -> str:
+    """What to do about a class: what a plan found, and no promise that it does not bear out."""
+    called = f"In the commands below that log is called {FURTHER_LOG}."
+    if planned is None:
+        return (
+            "See which input tells them apart, if any; record it, and ask again with that log, "
+            f"too. {called}"
+        )
+    if planned.splits:
+        return f"{planned.sentence} Then ask again with that log, too. {called}"
+    has, other = members(result)
+    return (
+        f"{planned.sentence} Until then the correction has `{has}`; the "
+        f"command below puts `{other}` in its place."
+    )
 
 
 def _moved(answer: Answer) -> list[str]:

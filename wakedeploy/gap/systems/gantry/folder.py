@@ -4,7 +4,6 @@ In: a folder with `find.json`, `name.json`, `add.json`, `show.json`, `result.jso
 hold, None where a step has not run yet.
 """
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TypeVar
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import json_of, json_text, sha256_of, text_of, write_text_whole
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
+from wakedeploy.gap.folder import made
 from wakedeploy.gap.search.artefacts import stated
 from wakedeploy.gap.systems.gantry.artefacts import (
     Add,
@@ -131,7 +131,7 @@ def read_steps(folder: Path) -> Steps:
 def prepare(folder: Path, rig_path: Path) -> None:
     """Make the folder. UnusableInput where nothing can be written, or the rig file would be lost.
 
-    A step calls it first: minutes of fitting should not end at a full or foreign disk.
+    A step calls it first.
     """
     if rig_path.resolve() == (folder / "rig.toml").resolve():
         raise UnusableInput(
@@ -143,15 +143,7 @@ def prepare(folder: Path, rig_path: Path) -> None:
         raise UnusableInput(
             f"{report}: not a report of these steps, which would replace it; choose another --out."
         )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or one_line(error)
-        raise UnusableInput(
-            f"{folder}: cannot be written to ({reason}); choose another --out."
-        ) from error
+    made(folder)
 
 
 def refuse_foreign_rig(folder: Path) -> None:

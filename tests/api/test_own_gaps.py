@@ -1,0 +1,226 @@
+"""The gap of a system of one's own from Python: what the command writes, as the gantry's is."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import wakedeploy as wd
+from wakedeploy.cli import main
+from wakedeploy.gap.search.artefacts import Result
+
+SLIDER = """
+from wakedeploy import Constant, Input, Output, Port, System
+
+
+class Slider(System):
+    rate_hz = 20.0
+    inputs = [Input("force_n", "N")]
+    states = {"speed_mps": "m/s"}
+    outputs = [Output("speed_mps", "m/s", noise=2e-3)]
+    constants = [Constant("mass_kg", 2.0, spread=0.02)]
+    ports = [Port.force("speed_mps", inertia="mass_kg", kinds=["viscous-friction", "offset"])]
+
+    def derivative(self, state, inputs, c):
+        return {"speed_mps": inputs.force_n / c.mass_kg}
+"""
+DRAG, NAME = 1.5, "viscous-friction@speed_mps"
+
+
+def recorded(seed: int) -> wd.Recording:
+    """The slider under jumps of its force, stepped exactly, with a drag that it does not state."""
+    random = np.random.default_rng(seed)
+    force = np.repeat(random.uniform(-4.0, 4.0, 40), 20)
+    keep = math.exp(-DRAG / 2.0 / 20.0)
+    speed, shown = 0.0, []
+    for newton in force:
+        shown.append(speed + 2e-3 * random.standard_normal())
+        speed = keep * speed + (1.0 - keep) * newton / DRAG + 1e-3 * random.standard_normal()
+    columns = {"force_n": force, "speed_mps": np.array(shown)}
+    return wd.Recording(f"made {seed}", np.arange(len(force)) / 20.0, columns)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The slider's file, and a log of it as CSV."""
+    path = tmp_path_factory.mktemp("own")
+    (path / "slider.py").write_text(SLIDER)
+    log = recorded(0)
+    rows = np.column_stack([log.time_s, log.columns["force_n"], log.columns["speed_mps"]])
+    header = "time_s,force_n,speed_mps"
+    np.savetxt(path / "log.csv", rows, "%.9g", ",", header=header, comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def gap(place: Path) -> wd.Gap:
+    return wd.close_gap(str(place / "slider.py"), place / "log.csv", place / "gap")
+
+
+def _kind(place: Path) -> type[wd.System]:
+    from wakedeploy.gap.systems.files import read_system
+
+    return type(read_system(place / "slider.py"))
+
+
+def test_a_system_in_a_file_gets_its_answer(gap: wd.Gap) -> None:
+    assert (gap.verdict, gap.effects, gap.classes) == ("named", (NAME,), ())
+    assert repr(gap) == f"<Gap in {gap.folder}: named: {NAME}>"
+    assert isinstance(gap.result, Result)
+    size = gap.result.effects[0].parameters["coefficient"]
+    assert size.low <= DRAG <= size.high
+    assert gap.report.is_file()
+    assert gap.rig is None
+    assert len(gap.next) == 1
+    assert gap.next[0].startswith("wakedeploy gap simulate --system")
+
+
+def test_what_lies_in_the_folder_is_read_again(gap: wd.Gap) -> None:
+    again = wd.Gap.read(str(gap.folder))
+    assert again.account == gap.account
+    assert again.effects == gap.effects
+    assert gap.account.splitlines()[0].startswith("The system lacks friction")
+    assert gap.account.splitlines()[0].replace("`", "") in again._repr_html_().replace("`", "")
+    assert "<img" in again._repr_html_()
+    with pytest.raises(wd.UnusableInput, match="is of a system"):
+        _ = again.steps
+
+
+def test_the_correction_is_loaded_by_the_system(place: Path, gap: wd.Gap) -> None:
+    kind, other = _kind(place), recorded(1)
+    assert gap.corrected == gap.folder / "correction.toml"
+    better = kind.corrected(gap.corrected)
+
+    def off(system: wd.System) -> float:
+        return float(np.std(system.simulate(other)["speed_mps"] - other.columns["speed_mps"]))
+
+    assert off(better) < 0.2 * off(kind())
+
+
+def test_sizes_and_the_ranking_are_tables(gap: wd.Gap) -> None:
+    pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    (row,) = gap.to_pandas().to_dict("records")
+    assert (row["effect"], row["parameter"]) == (NAME, "coefficient")
+    assert row["low"] <= DRAG <= row["high"]
+    assert row["unit"] == "N/(m/s)"
+    ranked = gap.to_pandas("ranking")
+    best = ranked.iloc[0]
+    assert best["effect"] == NAME
+    assert best["named"]
+    assert best["gain_nats"] > best["threshold_nats"]
+    assert set(ranked["effect"]) == {NAME, "offset@speed_mps"}
+    with pytest.raises(wd.UnusableInput, match='give "effects" or "ranking"'):
+        gap.to_pandas("all")  # type: ignore[arg-type]
+
+
+def test_the_forecast_is_drawn(gap: wd.Gap) -> None:
+    axes = gap.plot().axes
+    assert axes[0].get_lines()
+    assert gap.plot()._repr_png_().startswith(b"\x89PNG")
+
+
+def test_a_class_and_recordings_give_the_same_answer(place: Path, tmp_path: Path) -> None:
+    """Nothing of it lies in a file, so that no command can be given."""
+    kind = _kind(place)
+    seen: list[str] = []
+    gap = wd.close_gap(
+        kind, recorded(0), tmp_path, report=False, progress=lambda stage, *_: seen.append(stage)
+    )
+    assert (gap.effects, gap.next) == ((NAME,), ())
+    assert "ranking effects" in seen
+    assert not gap.report.exists()
+    seen.clear()  # of the same object nothing is asked twice
+    wd.close_gap(kind(), [recorded(0)], tmp_path, progress=lambda stage, *_: seen.append(stage))
+    assert "ranking effects" not in seen
+
+
+def test_the_command_prints_what_the_function_returns(place: Path, gap: wd.Gap) -> None:
+    words = ["--system", str(place / "slider.py"), "--measured", str(place / "log.csv")]
+    told = CliRunner().invoke(
+        main, ["gap", "close", *words, "--out", str(gap.folder), "--json", str(place / "told.json")]
+    )
+    assert told.exit_code == 0, told.output
+    assert gap.account in told.stdout
+    assert f"Correction: {gap.corrected}" in told.stdout
+    assert f"Report: {gap.report}" in told.stdout
+    assert f"Next: {gap.next[0]}" in told.stdout
+    assert json.loads((place / "told.json").read_text())["verdict"] == "named"
+
+
+def test_logs_in_other_units_are_read_by_a_columns_file(place: Path, tmp_path: Path) -> None:
+    """A folder of a log, too: as `gap check` takes it, every step does."""
+    rows = np.loadtxt(place / "log.csv", delimiter=",", skiprows=1) * 1000.0
+    (tmp_path / "drive").mkdir()
+    header = "stamp_ms,push_mN,read_mmps"
+    np.savetxt(tmp_path / "drive" / "a.csv", rows, delimiter=",", header=header, comments="")
+    time = '[time]\ncolumn = "stamp_ms"\nunit = "ms"\n'
+    (tmp_path / "columns.toml").write_text(
+        "version = 1\n" + time + '[columns.force_n]\ncolumn = "push_mN"\nrole = "input"\n'
+        'unit = "mN"\nfile = "a.csv"\n[columns.speed_mps]\ncolumn = "read_mmps"\nrole = "output"\n'
+        'unit = "mm/s"\nfile = "a.csv"\n'
+    )
+    found = wd.close_gap(
+        _kind(place), tmp_path / "drive", tmp_path / "gap", columns=tmp_path / "columns.toml"
+    )
+    assert found.effects == (NAME,)
+    for step in ("find", "name", "show", "power"):
+        told = CliRunner().invoke(
+            main,
+            [
+                *("gap", step, "--system", str(place / "slider.py")),
+                *("--measured", str(tmp_path / "drive")),
+                *("--columns", str(tmp_path / "columns.toml"), "--out", str(tmp_path / step)),
+            ],
+        )
+        assert told.exit_code == 0, told.output
+
+
+def test_a_folder_of_a_log_needs_a_columns_file(place: Path, tmp_path: Path) -> None:
+    with pytest.raises(wd.UnusableInput, match="is a folder; say by --columns"):
+        wd.close_gap(_kind(place), [tmp_path], tmp_path / "gap")
+    assert not (tmp_path / "gap").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"retrain_minutes": 10.0}, "retrain_minutes is for a rig"),
+        ({"measured": [object.__new__(wd.Flight)]}, "A flight is of a rig"),
+        ({"measured": "absent.csv"}, "there is no such run log"),
+        ({"columns": "columns.toml"}, "columns go with logs that are read from files"),
+        ({"system": "model.xml"}, "gap init my_robot.py --mjcf MODEL.xml"),
+        ({"system": wd.default_rig()}, "A rig is given by its file"),
+        ({"system": 3}, "3 is no rig file and no system"),
+        ({"system": "rig.toml"}, "A recording is of a system"),
+        ({"system": "rig.toml", "columns": "columns.toml"}, "columns are for a system"),
+        ({"system": "absent.py"}, "no such file; `wakedeploy gap init"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(
+    place: Path, tmp_path: Path, given: dict[str, object], says: str
+) -> None:
+    usual = {"system": _kind(place), "measured": [recorded(0)], "out": tmp_path / "gap"}
+    with pytest.raises(wd.UnusableInput, match=says):
+        wd.close_gap(**(usual | given))  # type: ignore[arg-type]
+    assert not (tmp_path / "gap").exists()
+
+
+@pytest.mark.parametrize("step", ["find", "close", "power", "plan"])
+def test_nothing_is_asked_of_a_system_without_ports(place: Path, tmp_path: Path, step: str) -> None:
+    text = SLIDER[: SLIDER.index("    ports")] + SLIDER[SLIDER.index("    def") :]
+    (tmp_path / "slider.py").write_text(text)
+    system, log = str(tmp_path / "slider.py"), str(place / "log.csv")
+    more = ["--class", NAME] if step == "plan" else ["--out", str(tmp_path / "gap")]
+    told = CliRunner().invoke(main, ["gap", step, "--system", system, "--measured", log, *more])
+    assert told.exit_code == 2
+    assert "states no ports, so that there is no effect to ask for" in told.stderr
+    for usable in ("check", "simulate"):
+        told = CliRunner().invoke(main, ["gap", usable, "--system", system, "--measured", log])
+        assert told.exit_code == 0, told.output
+
+
+def test_a_recording_tells_of_itself_in_a_line() -> None:
+    assert repr(recorded(0)) == "<Recording made 0: force_n, speed_mps; 800 at 20 Hz>"

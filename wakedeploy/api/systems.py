@@ -1,0 +1,126 @@
+"""A system of the user's own and its logs, as functions and commands take them, and its steps.
+
+In: a file, a class or an object, and logs or recordings. Out: a model of them, and a folder in
+which the steps up to one have run.
+"""
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from wakedeploy.api.inputs import PathLike, Warn
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.domains.tables.columns import Columns, read_columns
+from wakedeploy.domains.tables.reading import read_recordings
+from wakedeploy.gap.folder import at_work, made, require_logs
+from wakedeploy.gap.progress import Progress
+from wakedeploy.gap.report.system_page import write_page
+from wakedeploy.gap.search.artefacts import Artefact, Result
+from wakedeploy.gap.systems.calls import attempted
+from wakedeploy.gap.systems.checks import checked
+from wakedeploy.gap.systems.files import read_plain, read_system
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.next_commands import next_commands
+from wakedeploy.gap.systems.own_folder import OwnFolder
+from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.words import first_screen, next_step, remarks
+from wakedeploy.gap.workflow import run
+
+SystemLike = System | type[System] | PathLike
+_PYTHON = re.compile(r"\.py(:\w+)?$")  # a file, or one of its classes
+Measured = Sequence[Recording | PathLike]
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A step that was taken: what it told, files beside it, and the commands that may follow."""
+
+    told: Artefact
+    exported: tuple[str, ...] = ()
+    next: tuple[str, ...] = ()
+
+
+def is_system(given: object) -> bool:
+    """Whether it is a system of the user's own, and not a rig file."""
+    if isinstance(given, System) or (isinstance(given, type) and issubclass(given, System)):
+        return True
+    return isinstance(given, (str, os.PathLike)) and bool(_PYTHON.search(os.fspath(given)))
+
+
+def system_of(given: SystemLike) -> System:
+    """The system, checked; UnusableInput by name for what does not fit in it."""
+    if isinstance(given, System):
+        return checked(given)
+    if isinstance(given, type):
+        return checked(attempted(f"{given.__name__}()", given))
+    return read_system(Path(given))
+
+
+def recordings_of(
+    measured: Measured, columns: Columns | PathLike | None, system: System, warn: Warn
+) -> list[Recording]:
+    """The recordings, and logs by `columns`, or as CSV whose columns have the system's names."""
+    paths = [Path(log) for log in measured if not isinstance(log, Recording)]
+    require_logs(paths)
+    given = [log for log in measured if isinstance(log, Recording)]
+    if columns is None:
+        return given + [read_plain(path, system) for path in paths]
+    if not paths:
+        raise UnusableInput("columns go with logs that are read from files; leave them out.")
+    known = columns if isinstance(columns, Columns) else read_columns(Path(columns))
+    units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
+    reading = read_recordings(paths, known, units)
+    for note in reading.notes:
+        warn(note)
+    return given + list(reading.recordings)
+
+
+def log_model(
+    system: SystemLike, measured: Measured, columns: Columns | PathLike | None, warn: Warn
+) -> LogModel:
+    """A system and its logs."""
+    known = system_of(system)
+    return LogModel(known, recordings_of(measured, columns, known, warn))
+
+
+def take(
+    step: str,
+    system: SystemLike,
+    measured: Measured,
+    columns: Columns | PathLike | None,
+    out: Path,
+    progress: Progress,
+    warn: Warn,
+    *,
+    report: bool = True,
+    plan: bool = True,
+    only: str | None = None,
+) -> Taken:
+    """The steps up to one, in a folder; what has run there for the same is not repeated."""
+    progress("reading the logs")
+    model = log_model(system, measured, columns, warn)
+    model.require_effects()
+    with at_work(made(out)):
+        folder = OwnFolder(model, out, progress, only)
+        told = run(folder, step)
+        if not isinstance(told, Result):
+            return Taken(told, tuple(folder.exported))
+        planned = folder.plan() if plan else None
+        after: list[str] = []
+        if not isinstance(system, (System, type)):  # what lies in no file is in no command
+            logs = [Path(log) for log in measured if not isinstance(log, Recording)]
+            by = None if columns is None or isinstance(columns, Columns) else Path(columns)
+            after = next_commands(told, Path(system), logs, by, out, planned) if logs else []
+        if report:
+            progress("drawing the report")
+            write_page(
+                told,
+                out,
+                answers=first_screen(told, planned),
+                remarks=remarks(told),
+                next_step=(next_step(told, planned), after),
+            )
+        return Taken(told, tuple(folder.exported), tuple(after))
