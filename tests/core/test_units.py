@@ -11,6 +11,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import (
     conversion,
     converted,
+    is_known,
     same_unit,
     si_unit,
     unit_at_end,
@@ -197,3 +198,12 @@ def test_what_cannot_be_converted_is_refused_by_name(text: str, words: str) -> N
         parse_rig(text, "my.toml")
     assert str(told.value).startswith("my.toml: ")
     assert words in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "known"),
+    [("m^0.5/s", True), ("m^(1/2)/s", True), ("N/(m/s)^1.5", True), ("", True), ("1", True),
+     ("kilo", False), ("kilo^0.5", False), ("m^x", False)],
+)  # fmt: skip
+def test_a_unit_is_known_also_where_nothing_converts_to_it(unit: str, known: bool) -> None:
+    assert is_known(unit) == known

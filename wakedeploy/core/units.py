@@ -187,6 +187,7 @@ _OTHERS = {"G", "mG", "uG", "M", "mM", "uM", "MHZ", "NM", "kn"}
 _ANGULAR = re.compile(
     r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|rpm|rps|dps)(?![A-Za-z])|°", re.I
 )
+_BROKEN_POWER = re.compile(r"\^\(?-?[0-9]*[./][0-9]+\)?")
 _SUPERSCRIPTS = str.maketrans("⁻¹²³⁴", "-1234")
 _PART = re.compile(
     r"\s*(?P<sign>[/*·⋅]?)\s*"
@@ -223,8 +224,11 @@ def unit_at_end(name: str) -> str | None:
 
 
 def is_known(text: str) -> bool:
-    """Whether a unit is understood; "" and "1" are none, and known."""
-    return _read(text) is not None
+    """Whether a unit is understood; "" and "1" are none, and known.
+
+    One with a broken power, as m^0.5/s of an outflow, is: there is no factor from or to it.
+    """
+    return _read(_BROKEN_POWER.sub("", text)) is not None
 
 
 def contradicted(name: str, unit: str) -> str | None:
