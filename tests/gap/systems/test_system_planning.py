@@ -160,6 +160,21 @@ def test_a_system_that_nobody_commands_has_nothing_to_plan(model) -> None:
         require_names(LogModel(held(), [recorded(0)]), (LAG,))
 
 
+def test_no_input_tells_a_delay_before_the_only_input_from_one_behind_the_only_output() -> None:
+    """Whatever is recorded, both delay all of it; a fast input shows how each is computed."""
+    behind = "sensor-dead-time@position_m"
+    ports = [*Mass.ports, Port.output("position_m", kinds=["sensor-dead-time"])]
+    late = LogModel(type("Late", (Mass,), {"ports": ports})(), [recorded(0)])
+    base, sizes = fitted_base(late), {DEAD_TIME: (0.03,), behind: (0.03,), LAG: (0.03,)}
+    made = plan(late, base, (DEAD_TIME, behind), sizes)
+    assert made.alike == ((DEAD_TIME, behind),)
+    assert made.best is None
+    assert {option.nats for option in made.options} == {0.0}
+    third = plan(late, base, (DEAD_TIME, behind, LAG), sizes)
+    assert third.alike == ((DEAD_TIME, behind),)
+    assert third.best is not None
+
+
 @pytest.mark.parametrize(
     ("nats", "logged_nats", "is_worth_it"),
     [

@@ -7,6 +7,7 @@ the same rules, is not repeated.
 
 import functools
 import hashlib
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Answer, Result, read
+from wakedeploy.gap.search.artefacts import Answer, Effect, Forecast, Result, read
 from wakedeploy.gap.search.comparison import theta_from
+from wakedeploy.gap.search.sizes import parameters
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.logs import LogModel
@@ -49,11 +51,14 @@ class OwnFolder(Folder):
     def add(self) -> Answer:
         """What was found, or the effect that was asked for, as a file that the system loads."""
         answer = self.name()
-        fitted = self.found()[1] if self.only is None else self._with_member(answer, self.only)
+        fitted, told = self.found()[1], answer
+        if self.only is not None:
+            fitted = self._with_member(answer, self.only)
+            told = _with_effects_of(answer, fitted)
         write_correction(correction_of(self.log_model, fitted), self.out / CORRECTION)
         system = self.log_model.system
         where = f"{system.name}.export"
-        self.exported = attempted(where, system.export, answer.as_json(), self.out)
+        self.exported = attempted(where, system.export, told.as_json(), self.out)
         return answer
 
     def plan(self) -> Planned | None:
@@ -94,6 +99,25 @@ class OwnFolder(Folder):
             [places.get(f.name, x) for f, x in zip(model.free(hypothesis), near, strict=True)]
         )
         return settled(model, fit(model, hypothesis, found.episodes, theta))[0]
+
+
+def _with_effects_of(answer: Answer, fitted: Fit) -> Answer:
+    """The answer with the effects of another fit, of which nobody has asked forecasts."""
+    sizes = parameters(fitted, fitted.hypothesis)
+    unknown = Forecast(share=math.nan, low=math.nan, high=math.nan)
+    effects = [
+        Effect(
+            name=name,
+            parameters={
+                key.removeprefix(f"{name}."): size
+                for key, size in sizes.items()
+                if key.startswith(f"{name}.")
+            },
+            forecast=unknown,
+        )
+        for name in fitted.hypothesis
+    ]
+    return answer.model_copy(update={"effects": effects, "parameters": sizes})
 
 
 def planned_in(out: Path, result: Result) -> Planned | None:

@@ -103,7 +103,7 @@ def plan(
     for done, option in enumerate(tried, 1):
         losses.append(_losses(*_at_base(model, base, option.columns), known))
         steps(done, len(tried))
-    alike = _alike(losses)
+    alike = _alike(model, losses)
     options = [replace(o, nats=_least(of, alike)) for o, of in zip(tried, losses, strict=True)]
     order = sorted(options, key=lambda o: -o.nats)
     share = samples / sum(log.inputs.shape[1] for log in model.logs)
@@ -111,16 +111,30 @@ def plan(
     return Plan(chosen, tuple(order), logged, alike)
 
 
-def _alike(losses: Sequence[Losses]) -> tuple[Pair, ...]:
-    """Pairs that no input tells apart, where each is tried: more of them would not help either."""
+def _alike(model: LogModel, losses: Sequence[Losses]) -> tuple[Pair, ...]:
+    """Pairs that no input tells apart: more logs would not help either."""
     pairs = losses[0] if losses else {}
-    return tuple(p for p in pairs if len(p) > 1 and not max(of[p] for of in losses) > _NOTHING)
+    return tuple(
+        p
+        for p in pairs
+        if len(p) > 1 and (_same_delay(model, p) or not max(of[p] for of in losses) > _NOTHING)
+    )
+
+
+def _same_delay(model: LogModel, pair: Pair) -> bool:
+    """Whether both delay all that a system does: before its only input, or behind its only output.
+
+    What a fast input seems to tell of the two is how each is computed.
+    """
+    system = model.system
+    ends = {f"dead-time@{i.name}" for i in system.inputs}
+    ends |= {f"sensor-dead-time@{o.name}" for o in system.outputs}
+    return len(system.inputs) == len(system.outputs) == 1 and set(pair) == ends
 
 
 def _least(losses: Losses, alike: Sequence[Pair]) -> float:
-    """Of the pairs that some input tells apart; of all where there are none such."""
-    told = [nats for pair, nats in losses.items() if pair not in alike]
-    return min(told or losses.values())
+    """Of the pairs that some input tells apart; nothing where there are none such."""
+    return min((nats for pair, nats in losses.items() if pair not in alike), default=0.0)
 
 
 def require_names(model: LogModel, names: Sequence[str]) -> None:
