@@ -1,5 +1,6 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
