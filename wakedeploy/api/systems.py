@@ -110,10 +110,11 @@ def take(
             return Taken(told, tuple(folder.exported))
         planned = folder.plan() if plan else None
         after: list[str] = []
-        if not isinstance(system, (System, type)):  # what lies in no file is in no command
-            logs = [Path(log) for log in measured if not isinstance(log, Recording)]
+        logs = [Path(log) for log in measured if not isinstance(log, Recording)]
+        lies_in_files = len(logs) == len(measured) and not isinstance(columns, Columns)
+        if lies_in_files and not isinstance(system, (System, type)):  # else no command has it
             by = None if columns is None or isinstance(columns, Columns) else Path(columns)
-            after = next_commands(told, Path(system), logs, by, out, planned) if logs else []
+            after = next_commands(told, Path(system), logs, by, out, planned)
         if report:
             progress("drawing the report")
             write_page(

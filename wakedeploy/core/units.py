@@ -187,6 +187,7 @@ _OTHERS = {"G", "mG", "uG", "M", "mM", "uM", "MHZ", "NM", "kn"}
 _ANGULAR = re.compile(
     r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|rpm|rps|dps)(?![A-Za-z])|°", re.I
 )
+SHOWN_ALONE = ("°C", "degC")  # no factor leads to kelvin: both sides have to have the same
 _BROKEN_POWER = re.compile(r"\^\(?-?[0-9]*[./][0-9]+\)?")
 _SUPERSCRIPTS = str.maketrans("⁻¹²³⁴", "-1234")
 _PART = re.compile(
@@ -254,6 +255,8 @@ def conversion(given: str, wanted: str) -> Fraction:
 
     Raises ValueError with a clause that says what is understood.
     """
+    if given == wanted and (is_known(given) or given in SHOWN_ALONE):
+        return Fraction(1)
     source, target = _read(given), _read(wanted)
     understood = _UNDERSTOOD.get(wanted, f"{wanted}, or the same with other prefixes")
     if source is None or target is None:

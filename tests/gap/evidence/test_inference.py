@@ -77,6 +77,26 @@ def test_what_the_data_do_not_tell_stays_where_it_was_thought_to_be() -> None:
     assert told_by_data(near, "a") is near
 
 
+class Twins:
+    """Readings that tell the sum of an effect's two parameters, and nothing of their difference."""
+
+    episodes = 4
+
+    def free(self, hypothesis):
+        return tuple(Free(f"e.{n}", "1", 0.0, 1.0, -9.0, 9.0, 0.01) for n in ("one", "two"))
+
+    def score(self, hypothesis, theta, episode):
+        rest = np.random.default_rng(episode).standard_normal(50) + 3.0 - theta.sum()
+        return Score(norm.logpdf(rest), rest, np.ones(50), np.ones(50))
+
+
+def test_what_only_priors_tell_apart_keeps_a_prior() -> None:
+    told = told_by_data(fit(Twins(), ("e",), range(4)), "e")
+    assert sum(np.isfinite(f.prior_sd) for f in told.free) == 1
+    assert min(told.standard_error(n) for n in ("e.one", "e.two")) > 0.5
+    assert told.theta.sum() == pytest.approx(3.0, abs=0.3)
+
+
 class LargeResiduals:
     """Residuals of which a straight line knows a fiftieth of the curvature (Fletcher's example)."""
 

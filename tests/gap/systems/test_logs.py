@@ -90,6 +90,22 @@ def test_a_reading_between_a_system_s_samples_counts_at_the_next():
     assert np.array_equal(log.outputs[0][np.isfinite(log.outputs[0])], y[np.isfinite(y)])
 
 
+def test_the_last_reading_of_a_slow_sensor_is_the_newest_that_was_measured():
+    """Without a model a forecast is the last reading, which seldom lies where a forecast begins."""
+    rows = np.arange(800)
+    y = np.where(rows % 10 == 3, np.sin(rows / 50.0), np.nan)
+    columns = {"force_n": np.cos(rows), "position_m": y}
+    model = LogModel(Mass(), [Recording("log", rows / RATE, columns)])
+    last, mean = model.held(range(model.episodes))
+    for block, forecast, flat in zip(model.blocks, last, mean, strict=True):
+        for k, error in enumerate(forecast[0]):
+            begin = block.start + k // model.horizon * model.horizon
+            known = [v for v in y[: begin + 1] if np.isfinite(v)]
+            newest = known[-1] if known else np.nanmean(y)
+            assert error == pytest.approx(y[block.start + k] - newest, nan_ok=True)
+        assert np.array_equal(np.isfinite(forecast), np.isfinite(flat))
+
+
 def test_a_linear_system_has_the_likelihood_of_a_kalman_filter():
     recording = recorded(0, seconds=3.0)
     model = LogModel(Mass(), [recording])

@@ -262,6 +262,17 @@ def test_a_spring_that_a_joint_cannot_have_is_said(
     assert because in said[-1]
 
 
+def test_two_springs_of_which_one_rests_elsewhere_are_no_joint_s(tmp_path: Path) -> None:
+    system = written(tmp_path, GEARED)
+    preloaded = {"stiffness": size(12.0, "N/m"), "preload": size(-6.0, "N")}
+    told = answered(
+        ("cubic-stiffness@rail_mps", {"coefficient": size(8.0)}),
+        ("preloaded-spring@rail_mps", preloaded),
+    )
+    said = system.export(told, tmp_path / "out")
+    assert "has a spring of its own" in said[-1]
+
+
 def test_a_spring_beside_one_that_rests_elsewhere_moves_where_both_rest(tmp_path: Path) -> None:
     system = written(tmp_path, GEARED, rail='stiffness="5" springref="0.3"')
     told = answered(("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}))

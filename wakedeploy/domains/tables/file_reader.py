@@ -258,7 +258,7 @@ class FileReader:
         values = times.merged(values)
         absent = np.isnan(values)
         if absent.all():
-            raise place.refused("has no number in any row", "choose another column")
+            raise self._empty(place, times)
         if absent.any() and wanted.column.missing == "refuse":
             at = int(times.rows[int(np.argmax(absent))])
             reason = f"has no number in {place.row(at)}"
@@ -267,6 +267,14 @@ class FileReader:
         column = Series(wanted, place, replace(times, stamps_s=shifted_s), values)
         self._remarks.read(column)
         return column
+
+    def _empty(self, place: Place, times: Timeline) -> UnusableInput:
+        """The sentence for a column without numbers, in the log or in one of its recordings."""
+        if self.columns.time.falling != "split":
+            return place.refused("has no number in any row", "choose another column")
+        first, last = (place.row(int(times.order[at])) for at in (0, -1))
+        reason = f"has no number from {first} to {last}, which is a recording"
+        return place.refused(reason, "choose another column, or cut that recording off")
 
     # --- pieces
 

@@ -102,7 +102,8 @@ class Series:
     ) -> Vector:
         if how.method == "hold":
             return held(stamps_s, values, ticks_s)
-        if np.isnan(values[stamps_s >= ticks_s[0]]).any():
+        first = max(int(np.searchsorted(stamps_s, ticks_s[0], side="right")) - 1, 0)
+        if np.isnan(values[first:]).any():
             also = ', or "hold" where other columns have rows between its own'
             advice = f'give missing = "split"{also if self.is_reading else ""}'
             raise self.place.refused(

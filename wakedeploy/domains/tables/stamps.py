@@ -185,15 +185,16 @@ def on_repeats(
     if len(line.starts) == len(line.order):
         return []
     rows = np.diff(np.append(line.starts, len(line.order)))
-    again = np.zeros(len(rows), dtype=np.intp)
+    again, filled = np.zeros(len(rows), dtype=np.intp), np.zeros(len(rows), dtype=np.intp)
     for values in columns:
         counts = line.numbers(values)
+        filled += counts
         if base.repeated == "refuse" and (counts > 1).any():
             at = _second_row(line, values, int(np.argmax(counts > 1)))
             advice = 'give [time] repeated = "last" or "first"'
             raise refuse(f"repeats a stamp at {place(at)}", advice)
         again = np.maximum(again, counts - 1)
-    merged = int((rows - 1 > again).sum())
+    merged = int(((rows - 1 > again) & (filled > again + 1)).sum())
     notes = [f"{merged} stamps have rows that fill different columns; they were merged"]
     doubled = [f"{int(again.sum())} stamps were there twice; the {line.keeps} was kept"]
     return (notes if merged else []) + (doubled if again.any() else [])

@@ -253,18 +253,13 @@ def told_by_data(fitted: Fit, effect: str) -> Fit:
         for i, f in enumerate(fitted.free)
         if f.name.startswith(f"{effect}.") and np.isfinite(f.prior_sd) and _is_within(f, fitted, i)
     ]
-    while own:
-        precision = np.array([1.0 / fitted.free[i].prior_sd ** 2 for i in own])
-        alone = total.copy()
-        alone[own, own] -= precision
-        variance = np.array([solved(alone, np.eye(len(total))[i])[i] for i in own])
-        least = int(np.argmax(np.where(variance > 0.0, variance * precision, np.inf)))
-        if 0.0 < variance[least] * precision[least] < 1.0:
-            break
-        own.pop(least)
+    while own and not _is_told(total, own, [fitted.free[i].prior_sd for i in own]):
+        own.pop(_least_told(total, own, [fitted.free[i].prior_sd for i in own]))
     if not own:
         return fitted
-    pull = np.zeros(len(total))
+    precision = np.array([1.0 / fitted.free[i].prior_sd ** 2 for i in own])
+    alone, pull = total.copy(), np.zeros(len(total))
+    alone[own, own] -= precision
     pull[own] = [
         (fitted.theta[i] - fitted.free[i].neutral) * p for i, p in zip(own, precision, strict=True)
     ]
@@ -272,6 +267,26 @@ def told_by_data(fitted: Fit, effect: str) -> Fit:
     free = tuple(replace(f, prior_sd=np.inf) if i in own else f for i, f in enumerate(fitted.free))
     summits = tuple(told_by_data(summit, effect) for summit in fitted.summits)
     return replace(fitted, theta=theta, free=free, summits=summits)
+
+
+def _information(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> FloatArray:
+    """What data tell of parameters (k, k), all else following, in units of what priors tell."""
+    rest = [i for i in range(len(total)) if i not in own]
+    follow = np.array([solved(total[np.ix_(rest, rest)], total[rest, i]) for i in own])
+    left = total[np.ix_(own, own)] - total[np.ix_(own, rest)] @ follow.T
+    sd = np.asarray(prior_sd)
+    return np.asarray(left * sd[:, None] * sd[None, :] - np.eye(len(own)))
+
+
+def _is_told(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> bool:
+    """Whether data tell more than priors do of every combination of some parameters."""
+    return bool(np.linalg.eigvalsh(_information(total, own, prior_sd)).min() > 1.0)
+
+
+def _least_told(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> int:
+    """The place of the parameter that most makes up the combination which data tell least of."""
+    _, vectors = np.linalg.eigh(_information(total, own, prior_sd))
+    return int(np.argmax(np.abs(vectors[:, 0])))
 
 
 def _is_within(free: Free, fitted: Fit, place: int) -> bool:

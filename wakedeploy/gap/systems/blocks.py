@@ -32,8 +32,8 @@ class Log:
     """A recording at the system's rate: inputs (i, n), outputs (m, n), NaN where not measured.
 
     Inputs are the means of the `rows` that a sample has, outputs the newest reading since the
-    sample before; `driving` (i, n · steps) is what they are
-    in every step of the model, between the samples too.
+    sample before; `driving` (i, n · steps) is what inputs are in every step of the model, between
+    the samples too.
     """
 
     name: str

@@ -69,8 +69,8 @@ def _is_real(value: Any) -> bool:
 
 def _shortened(value: Any) -> str:
     """A number as it is, an array by what it holds."""
-    if np.ndim(value):
-        return f"an array of {np.asarray(value).dtype}"
+    if isinstance(value, np.ndarray) and value.ndim:
+        return f"an array of {value.dtype}"
     return f"{value!r:.60}"
 
 

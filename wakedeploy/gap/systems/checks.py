@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import is_known
+from wakedeploy.core.units import SHOWN_ALONE, is_known
 from wakedeploy.gap.systems.calls import called
 from wakedeploy.gap.systems.system import Constant, FloatArray, Input, Output, Point, Port, System
 
@@ -19,7 +19,6 @@ _System = TypeVar("_System", bound=System)
 
 HOLDS = ("step", "linear", "bandlimited")
 MOST_STEPS = 64
-_SHOWN_ALONE = ("°C", "degC")  # no factor leads to kelvin: a log has to have the same
 _WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
 _FAR = 4.0  # spreads from its value: bounds that are offered for a constant that may turn
 
@@ -123,7 +122,7 @@ def _check_units(system: System) -> None:
     stated += [("state", name, unit) for name, unit in system.states.items()]
     stated += [("constant", c.name, c.unit) for c in system.constants]
     for what, name, unit in stated:
-        if unit not in _SHOWN_ALONE and not is_known(unit):
+        if unit not in SHOWN_ALONE and not is_known(unit):
             raise UnusableInput(
                 f"{system.name}: {what} {name!r} has the unit {unit!r}, which is not known; give "
                 'one such as m, rad, N m, V, A or m/s^2, "1" for none.'

@@ -23,6 +23,7 @@ _EVIDENT_NATS = 10.0  # by which outputs have to move before an input; chance br
 _FEWEST, _MOST = 2, 64  # samples that an input may be late; one is a matter of how logs are stamped
 _NEAR = (1, 2, 4)  # samples that are always tried, and how many more that errors point at
 _LIKELY = 3
+_EARLIER, _LATER = 1, -1
 
 
 def late_inputs(model: "LogModel", base: Fit) -> dict[str, float]:
@@ -36,43 +37,56 @@ def late_inputs(model: "LogModel", base: Fit) -> dict[str, float]:
 
 
 def _late_by(model: "LogModel", base: Fit, place: int) -> int:
-    """By how many samples an input is late: 0, or where the system explains most.
+    """By how many samples an input is late; 0 where a delay of the system explains as much.
 
-    A first look leaves the fit as it is, which has followed the late input as well as it could.
+    Of an input that repeats itself a delay and a lead are the same.
+    """
+    gained, samples = _best(model, base, place, _EARLIER)
+    if samples < _FEWEST or gained < _EVIDENT_NATS:
+        return 0
+    delayed, _ = _best(model, base, place, _LATER)
+    return samples if gained - delayed > _EVIDENT_NATS else 0
+
+
+def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, int]:
+    """What the system gains most by where an input comes earlier, or later; by so many samples.
+
+    A first look leaves the fit as it is, which has followed the input as well as it could.
     """
     seen = _nats(model, base)
-    tried = {*_NEAR, *_likely(model, base, place)}
-    first = max((_nats(_earlier(model, place, samples), base), samples) for samples in tried)
+    tried = {*_NEAR, *_likely(model, base, place, way)}
+    first = max((_nats(_moved(model, place, way * n), base), n) for n in tried)
     if first[0] - seen < _EVIDENT_NATS:
-        return 0
-    nats = {0: base.objective, first[1]: _refitted(model, base, place, first[1])}
+        return 0.0, 0
+    nats = {0: base.objective, first[1]: _refitted(model, base, place, way * first[1])}
     while (best := max(nats, key=nats.__getitem__)) == max(nats) and 2 * best <= _MOST:
-        nats[2 * best] = _refitted(model, base, place, 2 * best)
+        nats[2 * best] = _refitted(model, base, place, way * 2 * best)
     step = max(best // 2, 1)
     while step > 0:
         for samples in (best - step, best + step):
             if samples > 0 and samples not in nats:
-                nats[samples] = _refitted(model, base, place, samples)
+                nats[samples] = _refitted(model, base, place, way * samples)
         best, step = max(nats, key=nats.__getitem__), step // 2
-    return best if best >= _FEWEST and nats[best] - nats[0] > _EVIDENT_NATS else 0
+    return nats[best] - nats[0], best
 
 
-def _likely(model: "LogModel", base: Fit, place: int) -> list[int]:
+def _likely(model: "LogModel", base: Fit, place: int, way: int) -> list[int]:
     """The shifts at which errors of the next reading follow changes of the input best."""
-    found = np.zeros(_MOST + 1)
+    found = np.zeros(_MOST)
     scores = model.scores((), base.theta[None], base.episodes)[0]
     for episode, score in zip(base.episodes, scores, strict=True):
         block = model.blocks[episode]
         errors = score.white.reshape(len(model.channels), -1)
         row = model.logs[block.log].inputs[place]
-        change = np.append(np.diff(row, prepend=row[0]), np.zeros(_MOST))
-        ahead = np.lib.stride_tricks.sliding_window_view(change, block.stop - block.start)
-        found += ((ahead[block.start : block.start + _MOST + 1] @ errors.T) ** 2).sum(1)
-    return [int(samples) for samples in np.argsort(-found[1:])[:_LIKELY] + 1]
+        change = np.pad(np.diff(row, prepend=row[0]), _MOST)
+        beside = np.lib.stride_tricks.sliding_window_view(change, block.stop - block.start)
+        at = block.start + _MOST + way * np.arange(1, _MOST + 1)
+        found += ((beside[at] @ errors.T) ** 2).sum(1)
+    return [int(samples) for samples in np.argsort(-found)[:_LIKELY] + 1]
 
 
 def _refitted(model: "LogModel", base: Fit, place: int, samples: int) -> float:
-    return fit(_earlier(model, place, samples), (), base.episodes, base.theta).objective
+    return fit(_moved(model, place, samples), (), base.episodes, base.theta).objective
 
 
 def _nats(model: "LogModel", base: Fit) -> float:
@@ -80,8 +94,8 @@ def _nats(model: "LogModel", base: Fit) -> float:
     return float(sum(score.log_density.sum() for score in scores))
 
 
-def _earlier(model: "LogModel", place: int, samples: int) -> "LogModel":
-    """The model of logs in which one input comes earlier."""
+def _moved(model: "LogModel", place: int, samples: int) -> "LogModel":
+    """The model of logs in which one input comes earlier; later by a number below 0."""
     logs = [_shifted(log, place, samples) for log in model.logs]
     moved = copy.copy(model)
     moved.logs = logs
@@ -99,5 +113,5 @@ def _shifted(log: Log, place: int, samples: int) -> Log:
 
 
 def _advanced(row: FloatArray, samples: int) -> FloatArray:
-    """A row that comes so many samples earlier; its last value is held."""
-    return np.concatenate([row[samples:], np.full(min(samples, len(row)), row[-1])])
+    """A row that comes so many samples earlier; its last value is held, or its first."""
+    return row[np.clip(np.arange(len(row)) + samples, 0, len(row) - 1)]

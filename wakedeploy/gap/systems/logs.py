@@ -241,14 +241,19 @@ class LogModel:
             return self.filter.forecasts(acting, sets, fitted.episodes, self.horizon, chosen)
 
     def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
-        """The same (m, n) of two forecasts that ask no model: the last reading, the log's mean."""
+        """The same (m, n) of two forecasts that ask no model: the last reading, the log's mean.
+
+        The last reading is the newest that was measured, however slow its sensor is; before the
+        first of a log it is the mean.
+        """
         last, mean = [], []
         for block in (self.blocks[e] for e in episodes):
             whole = self.logs[block.log].outputs
             read = whole[:, block.start : block.stop]
-            before = np.arange(read.shape[1]) // self.horizon * self.horizon
-            last.append(read - read[:, before])
-            mean.append(read - np.nanmean(whole, axis=1, keepdims=True))
+            means = np.nanmean(whole, axis=1, keepdims=True)
+            begin = block.start + np.arange(read.shape[1]) // self.horizon * self.horizon
+            last.append(read - _newest(whole, means)[:, begin])
+            mean.append(read - means)
         return [last, mean]
 
     def _forecast(
@@ -455,6 +460,14 @@ class LogModel:
     def _record(self, block: Block) -> Record:
         cut = slice(block.start, block.stop)
         return Record(block.name, self._time_s(block), self.logs[block.log].outputs[:, cut])
+
+
+def _newest(read: FloatArray, before: FloatArray) -> FloatArray:
+    """Of readings (m, n) the newest measured at each sample; `before` (m, 1) the first."""
+    at = np.where(np.isfinite(read), np.arange(read.shape[1]), -1)
+    newest = np.maximum.accumulate(at, axis=1)
+    known = np.take_along_axis(read, np.maximum(newest, 0), axis=1)
+    return np.where(newest >= 0, known, before)
 
 
 def _filled(values: FloatArray) -> FloatArray:

@@ -189,7 +189,7 @@ def late_words(late: Mapping[str, float]) -> list[str]:
     return [
         f"Doubt what follows: the outputs move {quantity(seconds, 's')} before {name} does, which "
         "drives them. Where the log has two clocks, or stamps or filters it late, bring it forward "
-        f"(shift_s = {-seconds:.3g} in [columns.{name}]); else the system delays it too much."
+        f"(its shift_s in columns.toml, less by {seconds:.3g}); else the system delays it too much."
         for name, seconds in late.items()
     ]
 

@@ -118,7 +118,11 @@ def _preloaded(written: Fitted, joint: Joint, effect: Found) -> str:
     """A spring that rests where it bears nothing; a joint has one such place."""
     model = written.elements.model
     stiffness, preload = (effect.parameters[name] for name in ("stiffness", "preload"))
-    if any(_of_joint(model, joint, attribute) for attribute, _ in _SPRINGS.values()):
+    own = (
+        written.value("joint", joint.name, attribute, _of_joint(model, joint, attribute))
+        for attribute, _ in _SPRINGS.values()
+    )
+    if any(own):
         return _without(effect, "the joint has a spring of its own, which rests elsewhere")
     if not stiffness["value"] > 0.0:
         return _without(effect, "the spring pushes away from where it rests")

@@ -51,7 +51,7 @@ class Planned(Artefact):
         return " ".join(
             [
                 f"Record {self.input} on {listed(self.moved)}: {self.nats:.3g} nats in "
-                f"{self.seconds:.0f} s, where {self._present}.",
+                f"{self.seconds:.3g} s, where {self._present}.",
                 f"To decide it with margin takes {counted(self.logs, 'such log')}.",
                 *self._same,
             ]
