@@ -22,8 +22,9 @@ def held(records: Records) -> Section:
     return Section(
         "Coverage of single effects",
         f"{each} cases of each effect in the two plants of the benchmark, at random strengths and "
-        "signs. Each is fitted as the workflow fits it, from the rig file. A 90 % interval should "
-        "hold the truth in nine cases of ten. The last three effects are the hardest to size. "
+        "signs. Each is fitted as the workflow fits it, from the rig file; each of its parameters "
+        "counts. A 90 % interval should hold the truth in nine cases of ten. The last effects "
+        f"({', '.join(record['hard'])}) are the hardest to size. "
         "Brackets: Wilson's 95 % intervals.",
         paragraphs(
             table(["effect", "held the truth", "", "first plant", "second plant"], lines),
