@@ -118,7 +118,7 @@ def _told(line: Mapping[str, Any]) -> str:
 
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), required=True)
-@click.option("--each", default=CASES, help="cases of each effect")
+@click.option("--each", type=click.IntRange(min=2), default=CASES, help="cases of each effect")
 @click.option("--workers", default=2)
 @click.option("--record", is_flag=True, help="write docs/records/coverage.json")
 def main(out: Path, each: int, workers: int, record: bool) -> None:

@@ -463,13 +463,18 @@ def read(path: Path, kind: type[Kind], key: str) -> Kind | None:
 def read_result(path: Path) -> Result:
     """What all steps have left; UnusableInput where it cannot be read, or is of another form."""
     again = "run `wakedeploy gap close` again"
+    return stated(path, object_of(path, again), Result, again)
+
+
+def object_of(path: Path, otherwise: str) -> dict[str, Any]:
+    """A file's JSON object; UnusableInput, with what to do `otherwise`, for none."""
     try:
         content = json_of(text_of(path))
     except (OSError, ValueError) as error:
-        raise UnusableInput(f"{path} cannot be read; {again}.") from error
+        raise UnusableInput(f"{path} cannot be read; {otherwise}.") from error
     if not isinstance(content, dict):
-        raise UnusableInput(f"{path} holds no JSON object; {again}.")
-    return stated(path, content, Result, again)
+        raise UnusableInput(f"{path} holds no JSON object; {otherwise}.")
+    return content
 
 
 Form = TypeVar("Form", bound=Part)

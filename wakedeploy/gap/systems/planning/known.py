@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.files import json_of, text_of
-from wakedeploy.gap.search.artefacts import Answer, stated
+from wakedeploy.gap.search.artefacts import Answer, object_of, stated
 from wakedeploy.gap.systems.logs import LogModel
 
 NAME = "name.json"
@@ -23,13 +22,7 @@ def stated_answer(out: Path | None) -> Answer | None:
     if out is None:
         return None
     path = out / NAME
-    try:
-        content = json_of(text_of(path))
-    except (OSError, ValueError) as error:
-        raise UnusableInput(f"{path} cannot be read; {_ANEW}.") from error
-    if not isinstance(content, dict):
-        raise UnusableInput(f"{path} has no answer; {_ANEW}.")
-    return stated(path, content, Answer, _ANEW)
+    return stated(path, object_of(path, _ANEW), Answer, _ANEW)
 
 
 def stated_sizes(
