@@ -107,12 +107,15 @@ def stepped(
     """One sample later: changes `x` (n + s, L) and `p` (n + s, n + s, L) in place.
 
     `rates` (n, n + 1, L) are derivatives at the state and beside it (or the next states, if
-    `discrete`). White noise acts on the derivatives of the states `driven` (d); `sd` (d, L) is that
-    of its mean over a sample. The last s states, none or d of them, are pushes that last: each is
-    added to its driven derivative, keeps the share `keep` (s, L) of itself, and gets fresh noise of
-    sd `fresh` (s, L); it is held over a sample. Dry friction, which the rates leave out, acts on
-    the speeds `dry` (q) with up to `strengths` (q, L), and turns over the speeds `turnings` (q, L);
-    `answers` (q, n, L) are what a unit of it adds to every derivative (or next state).
+    `discrete`). With one more, (n, n + 2, L), the last are at the state, under inputs to which the
+    integral of (1/2 - s) u over the share s of the sample was added: what acts early in a sample
+    moves what follows it farther. White noise acts on the derivatives of the states `driven` (d);
+    `sd` (d, L) is that of its mean over a sample. The last s states, none or d of them, are pushes
+    that last: each is added to its driven derivative, keeps the share `keep` (s, L) of itself, and
+    gets fresh noise of sd `fresh` (s, L); it is held over a sample. Dry friction, which the rates
+    leave out, acts on the speeds `dry` (q) with up to `strengths` (q, L), and turns over the speeds
+    `turnings` (q, L); `answers` (q, n, L) are what a unit of it adds to every derivative (or next
+    state).
     """
     n, lanes = rates.shape[0], rates.shape[2]
     pushes = x.shape[0] - n
@@ -151,6 +154,8 @@ def stepped(
                 for j in range(n):
                     for w in range(_WIDE):
                         moved[i, w] += phi[i, j, w] * slope[j, w] * dt_s
+            if rates.shape[1] > n + 1:
+                _early(rates, of, a, half, dt_s, moved)
         for i in range(n):
             for j in range(n):
                 for w in range(_WIDE):
@@ -172,6 +177,32 @@ def stepped(
             for i in range(every):
                 for j in range(i, every):
                     p[i, j, lane] = p[j, i, lane] = cov[i, j, w]
+
+
+@compiled
+def _early(
+    rates: FloatArray,
+    of: IntArray,
+    a: FloatArray,
+    half: FloatArray,
+    dt_s: float,
+    moved: FloatArray,
+) -> None:
+    """Add to states `moved` (n, W) what inputs do by coming early: dt² exp(a dt/2) a (change).
+
+    Inputs that are replaced by their mean over a step act, to second order, in its middle.
+    """
+    n = a.shape[0]
+    turned = np.empty(n)
+    for w in range(_WIDE):
+        lane = of[w]
+        for i in range(n):
+            turned[i] = 0.0
+            for j in range(n):
+                turned[i] += a[i, j, w] * (rates[j, n + 1, lane] - rates[j, 0, lane])
+        for i in range(n):
+            for j in range(n):
+                moved[i, w] += dt_s * dt_s * half[i, j, w] * turned[j]
 
 
 @compiled

@@ -23,6 +23,8 @@ BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes 
 _BUMP_WIDTH = 0.75
 _CENTRES = np.array(BUMPS)
 _FARTHEST_BUMP = 6.0  # usual sizes; no bump reaches there
+WITHIN = 8  # parts of a step, in which effects at inputs are followed
+_EARLY = (0.5 - (np.arange(WITHIN) + 0.5) / WITHIN) / WITHIN
 FORM_SD = 0.05  # of the model-form term, as a share of the rate
 FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
 FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
@@ -58,17 +60,24 @@ class Acting:
         self._outputs = [o.name for o in system.outputs]
 
     def column(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
-        """What of an input (n,) in every step reaches the system, under scalar values.
+        """What of an input (n,) in every step reaches the system, under scalar values, (2, n).
 
-        An effect acts on what the input is between the samples, too.
+        Its mean over each step, and how much more of it comes early in the step than late: the
+        integral of (1/2 - s) u over the share s of the step. What comes early has longer to act.
         """
-        column, step_s = driving, self.system.step_s
+        parts = self.parts(name, driving, values)
+        return np.array([parts.mean(1), parts @ _EARLY])
+
+    def parts(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
+        """The same in the parts of each step, (n, WITHIN): effects act between the samples, too."""
+        column, step_s = np.repeat(driving, WITHIN), self.system.step_s / WITHIN
         for effect in self._of["input"]:
             if effect.port.name == name:
                 kind = effect.kind
                 assert isinstance(kind, InputKind)
                 column = kind.filtered(column, effect.parameters(values), step_s)
-        return shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
+        late = shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
+        return late.reshape(-1, WITHIN)
 
     def depends(self, name: str) -> tuple[str, ...]:
         """The parameters that change an input's column."""

@@ -27,6 +27,7 @@ from wakedeploy.physics.series import IntArray
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _OWN_STATES = 6  # samples more that settle what effects may add; the same for every hypothesis
+_SETTLES = 500  # samples after which what comes to rest has come to rest
 _LOST = 1e12  # usual sizes: a state that far away has left the model
 
 
@@ -36,6 +37,17 @@ class Start:
 
     states: FloatArray
     spread: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Driving:
+    """Inputs of lanes in a step, (1, L) by name: their `mean`, and what of them comes `early`.
+
+    The latter is empty where no input changes within any step.
+    """
+
+    mean: Mapping[str, FloatArray]
+    early: Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +114,34 @@ class _Stepping:
         if noise is not None:
             self._noise = (noise.white, noise.keep, noise.fresh)
 
-    def on(self, x: FloatArray, p: FloatArray, *given: Any, step_s: float | None = None) -> None:
-        """Change `x` (k + d, L) and `p` in place; `given` are inputs, constants, values, time."""
+    def on(
+        self, x: FloatArray, p: FloatArray, u: Driving, *given: Any, step_s: float | None = None
+    ) -> None:
+        """Change `x` (k + d, L) and `p` in place; `given` are constants, values, time."""
         acting, k = self._acting, len(self._aside)
-        rates = acting.rates(_around(x, self._aside, self._points), *given)
+        points, inputs = _around(x, self._aside, self._points), u.mean
+        if u.early and not acting.system.has_step:
+            points = np.concatenate([points, points[:, :1]], axis=1)
+            inputs = {n: np.vstack([*[mean] * (k + 1), mean + u.early[n]])
+                      for n, mean in u.mean.items()}  # fmt: skip
+        rates = acting.rates(points, inputs, *given)
         stepped(x, p, rates, self._aside, self._driven, *self._noise,
                 step_s or acting.system.step_s, acting.system.has_step, self._dry,
-                *acting.rubbed(x[:k], *given))  # fmt: skip
+                *acting.rubbed(x[:k], u.mean, *given))  # fmt: skip
+
+
+class _Inputs:
+    """Columns (K, 2, N · steps) of every input by name: means, and what comes early in a step."""
+
+    def __init__(self, columns: Mapping[str, FloatArray]) -> None:
+        self._columns = columns
+        self._is_bent = any(rows[:, 1].any() for rows in columns.values())
+
+    def at(self, sets: Any, step: IntArray) -> Driving:
+        """In steps of parameter sets, an index of each: (1, L)."""
+        parts = [{n: rows[sets, i, step].reshape(1, -1) for n, rows in self._columns.items()}
+                 for i in range(1 + self._is_bent)]  # fmt: skip
+        return Driving(parts[0], parts[1] if self._is_bent else {})
 
 
 class Filter:
@@ -126,7 +159,7 @@ class Filter:
         self.driven, self.outliers = tuple(driven), outliers
         self.stretch = (1, 1)  # so many samples, and so many readings of them that are looked at
         self._offset = np.cumsum([0, *(log.outputs.shape[1] for log in logs)])
-        self._inputs = np.concatenate([log.inputs for log in logs], axis=1)
+        self._logged = np.concatenate([log.inputs for log in logs], axis=1)
         self._driving = np.concatenate([log.driving for log in logs], axis=1)
         self._outputs = np.concatenate([log.outputs for log in logs], axis=1)
         self._states = np.concatenate([s.states for s in starts], axis=1)
@@ -145,7 +178,7 @@ class Filter:
         count, parts = len(next(iter(values.values()))), pieces.sample.shape[1]
         lanes = count * parts
         at = pieces.sample + self._offset[pieces.log][None, :]
-        columns = self._columns(acting, values)
+        inputs, every = self._arriving(acting, values), np.arange(count)[:, None]
         spread = {n: np.repeat(v, parts)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         logged = self._outputs if outputs is None else outputs
@@ -160,7 +193,6 @@ class Filter:
         stepping = _Stepping(acting, aside, noise, self._places(acting))
         statistics = np.empty((len(at), 4, m, lanes))
         states = np.empty((len(at), len(x), lanes))
-        names = [i.name for i in acting.system.inputs]
         timeless = not any(e.port.role == "constant" for e in acting.effects)
         c = acting.constants(spread, np.zeros((1, 1)))
         points = np.empty((k, k + 1, lanes))
@@ -171,18 +203,16 @@ class Filter:
         measured, sensor_sd = np.tile(measured, (1, 1, count)), np.sqrt(noise.sensor)
         for t, here in enumerate(at):
             time_s = times[t][None, :]
-            here = steps * here
-            u = {n: columns[i][:, here].reshape(1, lanes) for i, n in enumerate(names)}
+            u = inputs.at(every, steps * here)
             if not timeless:
                 c = acting.constants(spread, time_s)
             around = _around(x, aside, points)
-            shown = acting.readings(around, u, c, spread, time_s, (measured[t], sensor_sd))
+            shown = acting.readings(around, u.mean, c, spread, time_s, (measured[t], sensor_sd))
             corrected(x, p, shown, aside, measured[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
                       statistics[t])  # fmt: skip
             states[t] = x
             for j in range(steps):
-                if j:
-                    u = {n: columns[i][:, here + j].reshape(1, lanes) for i, n in enumerate(names)}
+                u = inputs.at(every, steps * here + j) if j else u
                 stepping.on(x, p, u, c, spread, time_s)
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():
@@ -220,12 +250,11 @@ class Filter:
         set_of = np.zeros(lanes, dtype=int) if chosen is None else np.array(chosen)[owner]
         spread = {n: v[set_of][None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
-        columns = self._columns(acting, values)
+        inputs = self._arriving(acting, values)
         x = np.ascontiguousarray(run.states[t0, : len(acting.states), set_of, s0].T)
         p = np.zeros((len(x), len(x), lanes))
         stepping = _Stepping(acting, self._aside(acting, lanes))
         dt_s, steps = 1.0 / acting.system.rate_hz, acting.system.steps
-        names = [i.name for i in acting.system.inputs]
         last = len(run.states) - 1
         first = np.array([self.blocks[e].start for e in episodes])[owner]
         for step in range(horizon):
@@ -235,8 +264,7 @@ class Filter:
             time_s = (sample * dt_s)[None, :]
             c = acting.constants(spread, time_s)
             for j in range(steps):
-                u = {n: columns[i][set_of, here + j][None, :] for i, n in enumerate(names)}
-                stepping.on(x, p, u, c, spread, time_s)
+                stepping.on(x, p, inputs.at(set_of, here + j), c, spread, time_s)
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
             t = t0 + step + 1
             inside = (t <= last) & run.pieces.scored[np.minimum(t, last), s0]
@@ -244,8 +272,8 @@ class Filter:
             time_s = (sample * dt_s)[None, :]
             c = acting.constants(spread, time_s)
             here = sample + self._offset[run.pieces.log[s0]]
-            u = {n: columns[i][set_of, steps * here][None, :] for i, n in enumerate(names)}
-            shown = acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0]
+            u = inputs.at(set_of, steps * here)
+            shown = acting.readings(x[:, None, :], u.mean, c, spread, time_s)[:, 0]
             error = self._outputs[:, here] - shown
             for block in range(len(episodes)):
                 of_block = inside & (owner == block)
@@ -256,7 +284,7 @@ class Filter:
         self, acting: Acting, values: Mapping[str, FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
         """States (k, n) and readings (m, n) of the first log, from its first sample on."""
-        columns = self._columns(acting, values)
+        inputs = self._arriving(acting, values)
         spread = {n: v[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1, None)
@@ -268,12 +296,53 @@ class Filter:
             c = acting.constants(spread, time_s)
             states.append(x[:, 0].copy())
             for j in range(steps):
-                here = slice(steps * t + j, steps * t + j + 1)
-                u = {i.name: columns[n][:, here] for n, i in enumerate(acting.system.inputs)}
+                u = inputs.at(0, np.array([steps * t + j]))
                 if not j:
-                    shown.append(acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0, 0])
+                    around = x[:, None, :]
+                    shown.append(acting.readings(around, u.mean, c, spread, time_s)[:, 0, 0])
                 stepping.on(x, p, u, c, spread, time_s)
         return np.array(states).T, np.array(shown).T
+
+    def followed(
+        self, acting: Acting, known: Mapping[str, FloatArray], anywhere: Sequence[str]
+    ) -> FloatArray:
+        """States (n, N) along every log: those `known` (N,) by name, the others as the model goes.
+
+        Those that begin `anywhere` begin where the first sample, held, would bring them to rest; if
+        it would not, and all others, as the logs' starts have them. Where they leave the model they
+        are at 0 again.
+        """
+        states = self._states.copy()
+        inputs = self._arriving(acting, {"nothing": np.zeros(1)})
+        values = {"nothing": np.zeros((1, len(self.logs)))}
+        begins, ends = self._offset[:-1], self._offset[1:]
+        stepping, steps = _Stepping(acting, self._aside(acting, len(begins))), acting.system.steps
+        told = [acting.states.index(n) for n in known]
+        row = np.array(list(known.values())).reshape(len(told), states.shape[1])
+        x, p = self._begin(acting, begins, 1, None)
+
+        def on(at: IntArray, time_s: float) -> None:
+            x[told] = row[:, at]
+            now_s = np.full((1, 1), time_s)
+            c = acting.constants(values, now_s)
+            for j in range(steps):
+                stepping.on(x, p, inputs.at(0, steps * at + j), c, values, now_s)
+            x[:, ~(np.abs(x).max(0) < _LOST)] = 0.0
+
+        first = x.copy()
+        for _ in range(_SETTLES):
+            before = x.copy()
+            on(begins, 0.0)
+        is_free = np.isin(acting.states, anywhere)[:, None]
+        moves = is_free & (np.abs(x - before) > _ASIDE * self._aside(acting, len(begins)))
+        x[:] = np.where(is_free & ~moves.any(0), x, first)
+        for t in range(int((ends - begins).max())):
+            at = np.minimum(begins + t, ends - 1)
+            goes_on = begins + t < ends
+            x[told] = row[:, at]
+            states[:, at[goes_on]] = x[:, goes_on]
+            on(at, t / acting.system.rate_hz)
+        return states
 
     def advanced(
         self,
@@ -287,20 +356,18 @@ class Filter:
 
         Each of the model's steps is taken in `finer` ones, the inputs held over them all.
         """
-        columns, lanes = self._columns(acting, values), len(at)
+        inputs, lanes = self._arriving(acting, values), len(at)
         spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         x, p = self._begin(acting, at, 1, None)
         stepping, step_s = _Stepping(acting, self._aside(acting, lanes)), acting.system.step_s
-        names = [i.name for i in acting.system.inputs]
         for step in range(samples * acting.system.steps):
             here = acting.system.steps * at + step
             time_s = np.asarray(here * step_s, dtype=np.float64)[None, :]
-            u = {n: columns[i][:1, here] for i, n in enumerate(names)}
-            given = (u, acting.constants(spread, time_s), spread, time_s)
+            u, given = inputs.at(0, here), (acting.constants(spread, time_s), spread, time_s)
             for _ in range(finer):
-                stepping.on(x, p, *given, step_s=step_s / finer)
-        return acting.readings(x[:, None, :], *given)[:, 0]
+                stepping.on(x, p, u, *given, step_s=step_s / finer)
+        return acting.readings(x[:, None, :], u.mean, *given)[:, 0]
 
     def _passed_over(self, measured: FloatArray, pieces: Pieces) -> npt.NDArray[np.bool_]:
         """Which readings (T, m, S) are not looked at: all but a channel's first of each part.
@@ -315,11 +382,11 @@ class Filter:
         before = (count - known)[begins]
         return np.asarray(known & pieces.scored[:, None] & (count - before > 1))
 
-    def _columns(self, acting: Acting, values: Mapping[str, FloatArray]) -> list[FloatArray]:
-        """Every input as it reaches the system in each of the model's steps, (K, N · steps)."""
+    def _arriving(self, acting: Acting, values: Mapping[str, FloatArray]) -> "_Inputs":
+        """Every input as it reaches the system in each of the model's steps."""
         count = len(next(iter(values.values())))
         ends = acting.system.steps * self._offset
-        result = []
+        columns = {}
         for i, stated in enumerate(acting.system.inputs):
             names = [n for n in acting.depends(stated.name) if n in values]
             known: dict[tuple[float, ...], FloatArray] = {}
@@ -331,12 +398,12 @@ class Filter:
                     known[key] = np.concatenate([
                         acting.column(stated.name, self._driving[i, a:b], parameters)
                         for a, b in itertools.pairwise(ends)
-                    ])  # fmt: skip
+                    ], axis=1)  # fmt: skip
                 rows.append(known[key])
-            shape = (count, self._driving.shape[1])
+            shape = (count, 2, self._driving.shape[1])
             alike = len(known) == 1  # as nearly always: then one row is enough for all
-            result.append(np.broadcast_to(rows[0], shape) if alike else np.array(rows))
-        return result
+            columns[stated.name] = np.broadcast_to(rows[0], shape) if alike else np.array(rows)
+        return _Inputs(columns)
 
     def _unsettled(
         self, acting: Acting, values: Mapping[str, FloatArray], pieces: Pieces
@@ -349,7 +416,7 @@ class Filter:
             if not isinstance(kind, InputKind) or not effect.own_states:
                 continue
             row = [i.name for i in acting.system.inputs].index(effect.port.name)
-            columns = np.split(self._inputs[row], self._offset[1:-1])
+            columns = np.split(self._logged[row], self._offset[1:-1])
             sd = np.empty((count, pieces.sample.shape[1]))
             for k in range(count):
                 parameters = effect.parameters({n: v[k] for n, v in values.items()})

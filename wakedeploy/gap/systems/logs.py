@@ -13,7 +13,6 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
@@ -21,9 +20,10 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Scor
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
-from wakedeploy.gap.systems.blocks import Block, Log, blocks_of, logs_of
+from wakedeploy.gap.systems.blocks import Block, blocks_of, logs_of
 from wakedeploy.gap.systems.clocks import late_inputs
 from wakedeploy.gap.systems.filter import Filter, Run, Start
+from wakedeploy.gap.systems.guesses import Told, told
 from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.leftover import leftovers
 from wakedeploy.gap.systems.system import Point, System
@@ -34,7 +34,6 @@ _SEARCHED = 24000  # samples times states that a search looks at
 _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
 _ENDS = 0.995  # the same of the way: one reading that strays is no end of it
-_SMOOTHED = 11  # samples, for a first guess of speeds
 _FEW = 3  # samples between readings, from which they are few
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _LN_SD = 2.0
@@ -59,13 +58,16 @@ class LogModel:
         self.dt_s = 1.0 / system.rate_hz
         self.channels = tuple((o.name, o.unit) for o in system.outputs)
         self._kinematic = system.kinematic()
-        known = [self._known(log) for log in self.logs]
-        guessed = [self._stacked(k, log) for k, log in zip(known, self.logs, strict=True)]
-        self.hidden = tuple(  # states that begin at 0, since nobody tells where
-            n for n in system.states if n not in known[0] and n not in system.start_spread
-        )
+        known = [told(system, log, self._kinematic) for log in self.logs]
+        guessed = [
+            k.stacked(system, log.outputs.shape[1]) for k, log in zip(known, self.logs, strict=True)
+        ]
+        stated = {*known[0].along, *known[0].first, *system.start_spread}
+        self.hidden = tuple(n for n in system.states if n not in stated)  # begin anywhere
         self.sizes = self._sizes(guessed)
         self.driven = self._driven()
+        guessed = self._followed(known, guessed)
+        self.sizes = self._sizes(guessed)
         spread = self._start_spread()
         self._starts = [Start(g, spread) for g in guessed]
         self.span_s = max(log.outputs.shape[1] for log in self.logs) * self.dt_s
@@ -364,38 +366,20 @@ class LogModel:
                     )
         return bumps
 
-    def _known(self, log: Log) -> dict[str, FloatArray]:
-        """States (N,) that outputs, their slopes and the user's `start` tell."""
-        smooth = {
-            o.name: _smoothed(_filled(values))
-            for o, values in zip(self.system.outputs, log.outputs, strict=True)
-        }
-        shown = {n: v for n, v in smooth.items() if n in self.system.states}
-        known: dict[str, FloatArray] = dict(shown)
-        for _ in self.system.states:
-            for name, other in self._kinematic.items():
-                if name in known and other not in known:
-                    known[other] = _smoothed(np.gradient(known[name], self.dt_s))
-        return known | self._begun(smooth, log.outputs.shape[1])
+    def _followed(self, known: Sequence[Told], guessed: Sequence[FloatArray]) -> list[FloatArray]:
+        """States (n, N) along each log; those that nothing tells as the model goes beside others.
 
-    def _stacked(self, known: Mapping[str, FloatArray], log: Log) -> FloatArray:
-        """States (n, N); 0 for those that nothing tells."""
-        zero = np.zeros(log.outputs.shape[1])
-        return np.array([known.get(n, zero) for n in self.system.states])
-
-    def _begun(self, smooth: Mapping[str, FloatArray], count: int) -> dict[str, FloatArray]:
-        """States (N,) that the user's `start` tells from outputs (N,)."""
-        begun = {}
-        for name, value in self.system.first(Point("output", smooth)).items():
-            row = np.asarray(value, dtype=float)
-            if row.shape not in ((), (1,), (count,)) or not np.all(np.isfinite(row)):
-                raise UnusableInput(
-                    f"{self.name}.start gives {name!r} the shape {row.shape}, or something that is "
-                    f"no number, where outputs have the shape {(count,)}; return one finite number "
-                    "for each."
-                )
-            begun[name] = np.broadcast_to(row, count)
-        return begun
+        A piece within a log begins there, too: an actuator that is at 0 again looks like a lag.
+        """
+        along = [n for n in self.system.states if n in known[0].along]
+        if len(along) == len(self.system.states):
+            return list(guessed)
+        spread = np.zeros(len(self.system.states))
+        alone = Filter(self.logs, (), [Start(g, spread) for g in guessed], self.driven)
+        rows = {n: np.concatenate([k.along[n] for k in known]) for n in along}
+        states = alone.followed(Acting(self.system, (), self.sizes), rows, self.hidden)
+        ends = np.cumsum([log.outputs.shape[1] for log in self.logs])[:-1]
+        return np.split(states, ends, axis=1)
 
     def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
         """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
@@ -468,19 +452,6 @@ def _newest(read: FloatArray, before: FloatArray) -> FloatArray:
     newest = np.maximum.accumulate(at, axis=1)
     known = np.take_along_axis(read, np.maximum(newest, 0), axis=1)
     return np.where(newest >= 0, known, before)
-
-
-def _filled(values: FloatArray) -> FloatArray:
-    """Gaps bridged by straight lines."""
-    known = np.isfinite(values)
-    at = np.arange(len(values))
-    return np.asarray(np.interp(at, at[known], values[known]))
-
-
-def _smoothed(values: FloatArray) -> FloatArray:
-    if len(values) < _SMOOTHED:
-        return values
-    return np.asarray(savgol_filter(values, _SMOOTHED, 2))
 
 
 def _signs(name: str, values: FloatArray, size: float) -> dict[str, float]:

@@ -197,13 +197,13 @@ def _constants(model: LogModel) -> list[str]:
 
 
 def _beginnings(model: LogModel) -> list[str]:
-    """States that begin at 0 for want of anything better, and do not stay there."""
+    """States whose beginning nobody tells, and that are not at rest where they begin."""
     rates = dict(zip(model.system.states, model.first_rates(), strict=True))
     return [
-        f"state {name}: no output shows it and `start` does not give it, so that it begins at 0 in "
-        "every log; yet at their first samples it is not at rest there. What is wrong with that "
-        "looks like a lag or a dead time: give it by `start`, or say by start_spread how far from "
-        "0 it may be."
+        f"state {name}: no output shows it, `start` does not give it, and the first sample, held, "
+        f"would not bring it to rest. It begins at 0, give or take {model.sizes[name]:.3g} "
+        f"{_unit(model.system.states[name])}: if that is too little, give it by `start`, or say by "
+        "start_spread how far from 0 it may be."
         for name in model.hidden
         if float(np.abs(rates[name]).max()) > _MOVING * model.sizes[f"d {name}"]
     ]

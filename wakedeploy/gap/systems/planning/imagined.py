@@ -34,7 +34,9 @@ def imagined(
     random = np.random.default_rng(seed)
     steps, hold = model.system.steps, {i.name: i.hold for i in model.system.inputs}
     driven = {
-        n: np.array([acting.column(n, between(row, hold[n], steps), values) for row in rows])
+        n: np.array(
+            [_finely(acting.parts(n, between(row, hold[n], steps), values)) for row in rows]
+        )
         for n, rows in columns.items()
     }
     lanes, count = next(iter(columns.values())).shape
@@ -55,10 +57,10 @@ def imagined(
             c = acting.constants(spread, time_s)
             for j in range(steps):
                 u = {n: rows[:, steps * t + j] for n, rows in driven.items()}
-                given = (u, c, spread, time_s)
                 if not j:
-                    shown[:, :, t] = acting.readings(x, *given)
-                x = _advanced(acting, x, given, pushes[:, t : t + 1])
+                    mean = {n: parts.mean(1) for n, parts in u.items()}
+                    shown[:, :, t] = acting.readings(x, mean, c, spread, time_s)
+                x = _advanced(acting, x, u, (c, spread, time_s), pushes[:, t : t + 1])
     shown += noise[:, None, None] * random.standard_normal((len(noise), 1, count))
     return {o.name: shown[i] for i, o in enumerate(model.system.outputs)}
 
@@ -82,28 +84,53 @@ def _pushes(
     return pushes
 
 
+def _finely(parts: FloatArray) -> FloatArray:
+    """What an input is in the parts of every step, (n, WITHIN), as means (n, _FINE)."""
+    return np.asarray(parts.reshape(len(parts), _FINE, -1).mean(2))
+
+
 def _advanced(
-    acting: Acting, x: FloatArray, given: tuple[Any, ...], push: FloatArray
+    acting: Acting,
+    x: FloatArray,
+    u: Mapping[str, FloatArray],
+    given: tuple[Any, ...],
+    push: FloatArray,
 ) -> FloatArray:
-    """States (k, L) one of the model's steps later."""
-    step_s = acting.system.step_s
-
-    def stepped(rub: FloatArray, h: float) -> FloatArray:
-        """A step on, friction adding `rub` (k, L) to every derivative, or next state."""
-        if acting.system.has_step:
-            return acting.rates(x, *given) + step_s * push + rub
-        k1 = acting.rates(x, *given) + rub
-        k2 = acting.rates(x + 0.5 * h * k1, *given) + rub
-        k3 = acting.rates(x + 0.5 * h * k2, *given) + rub
-        k4 = acting.rates(x + h * k3, *given) + rub
-        return x + h * ((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0 + push)
-
-    h = 1.0 if acting.system.has_step else step_s / _FINE
-    for _ in range(1 if acting.system.has_step else _FINE):
-        free = stepped(np.zeros_like(x), h)
-        rub = _rubbing(acting, x, free, given, h)
-        x = stepped(rub, h) if rub.any() else free
+    """States (k, L) one of the model's steps later; inputs `u` (L, _FINE) change within it."""
+    if acting.system.has_step:
+        mean = {n: parts.mean(1) for n, parts in u.items()}
+        return _stepped(acting, x, (mean, *given), push, acting.system.step_s)
+    for i in range(_FINE):
+        now = {n: parts[:, i] for n, parts in u.items()}
+        x = _stepped(acting, x, (now, *given), push, acting.system.step_s / _FINE)
     return x
+
+
+def _stepped(
+    acting: Acting, x: FloatArray, given: tuple[Any, ...], push: FloatArray, h_s: float
+) -> FloatArray:
+    """States (k, L) a step of `h_s` later, inputs held over it."""
+    free = _on(acting, x, given, push, h_s, np.zeros_like(x))
+    rub = _rubbing(acting, x, free, given, 1.0 if acting.system.has_step else h_s)
+    return _on(acting, x, given, push, h_s, rub) if rub.any() else free
+
+
+def _on(
+    acting: Acting,
+    x: FloatArray,
+    given: tuple[Any, ...],
+    push: FloatArray,
+    h_s: float,
+    rub: FloatArray,
+) -> FloatArray:
+    """The same with friction adding `rub` (k, L) to every derivative, or next state."""
+    if acting.system.has_step:
+        return np.asarray(acting.rates(x, *given) + h_s * push + rub)
+    k1 = acting.rates(x, *given) + rub
+    k2 = acting.rates(x + 0.5 * h_s * k1, *given) + rub
+    k3 = acting.rates(x + 0.5 * h_s * k2, *given) + rub
+    k4 = acting.rates(x + h_s * k3, *given) + rub
+    return np.asarray(x + h_s * ((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0 + push))
 
 
 def _rubbing(
