@@ -27,6 +27,7 @@ from wakedeploy.gap.systems.next_commands import next_commands
 from wakedeploy.gap.systems.own_folder import OwnFolder
 from wakedeploy.gap.systems.system import System
 from wakedeploy.gap.systems.words import first_screen, next_step, remarks
+from wakedeploy.gap.systems.wrapping import going_on, jumps
 from wakedeploy.gap.workflow import run
 
 SystemLike = System | type[System] | PathLike
@@ -62,12 +63,17 @@ def system_of(given: SystemLike) -> System:
 def recordings_of(
     measured: Measured, columns: Columns | PathLike | None, system: System, warn: Warn
 ) -> list[Recording]:
-    """The recordings, and logs by `columns`, or as CSV whose columns have the system's names."""
+    """The recordings, and logs by `columns`, or as CSV whose columns have the system's names.
+
+    Of logs, outputs that are angles go on where they jump by a turn; of recordings that is said.
+    """
     paths = [Path(log) for log in measured if not isinstance(log, Recording)]
     require_logs(paths)
     given = [log for log in measured if isinstance(log, Recording)]
+    for note in (note for recording in given for note in jumps(system, recording)):
+        warn(note)
     if columns is None:
-        return given + [read_plain(path, system) for path in paths]
+        return given + [_plain(path, system, warn) for path in paths]
     if not paths:
         raise UnusableInput("columns go with logs that are read from files; leave them out.")
     known = columns if isinstance(columns, Columns) else read_columns(Path(columns))
@@ -76,6 +82,13 @@ def recordings_of(
     for note in reading.notes:
         warn(note)
     return given + list(reading.recordings)
+
+
+def _plain(path: Path, system: System, warn: Warn) -> Recording:
+    recording, notes = going_on(system, read_plain(path, system))
+    for note in notes:
+        warn(note)
+    return recording
 
 
 def log_model(

@@ -147,7 +147,7 @@ _SPOKEN = {  # as people write them out
     "m": "meter meters metre metres",
     "rad": "radian radians",
     "deg": "degree degrees",
-    "rev": "revolution revolutions",
+    "rev": "revolution revolutions turn turns",
     "N": "newton newtons",
     "V": "volt volts",
     "A": "amp amps ampere amperes",
@@ -185,7 +185,8 @@ _ELECTRICAL = {  # where nothing stands beside them: M/H is no metre per henry
 # Alone, these are other units than the same in other cases: gauss, knots.
 _OTHERS = {"G", "mG", "uG", "M", "mM", "uM", "MHZ", "NM", "kn"}
 _ANGULAR = re.compile(
-    r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|rpm|rps|dps)(?![A-Za-z])|°", re.I
+    r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|turns?|rpm|rps|dps)(?![A-Za-z])|°",
+    re.I,
 )
 SHOWN_ALONE = ("°C", "degC")  # no factor leads to kelvin: both sides have to have the same
 _BROKEN_POWER = re.compile(r"\^\(?-?[0-9]*[./][0-9]+\)?")

@@ -145,6 +145,11 @@ class Column(_Table):
     A reading that is held is not measured: there "hold" says that rows of other columns lie between
     its own.
     """
+    wraps: bool | None = None
+    """Of an angle, whether it begins again after a turn, which is then taken out; False leaves it.
+
+    None: an output that jumps as such an angle does is unwrapped, unless it is learnt from, too.
+    """
     event: bool = False
     """Written only when it changes: its last sample holds for as long as the others go on."""
     time: Address | None = None
@@ -167,7 +172,19 @@ class Column(_Table):
         What drives the system, and what is learnt from, has a value at all times. So has what is
         written only when it changes.
         """
-        return set(self.roles) - {"unused"} == {"output"} and not self.event
+        return self._is_output_alone and not self.event
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether an angle that begins again after a turn shall go on instead.
+
+        What a predictor sees in flight begins again there, too, and a command may truly jump.
+        """
+        return self._is_output_alone if self.wraps is None else self.wraps
+
+    @property
+    def _is_output_alone(self) -> bool:
+        return set(self.roles) - {"unused"} == {"output"}
 
 
 class Columns(_Table):

@@ -264,8 +264,10 @@ class FileReader:
             reason = f"has no number in {place.row(at)}"
             raise place.refused(reason, wanted.advice_on_missing)
         shifted_s = times.stamps_s + wanted.column.shift_s
+        turned = wanted.looked_through(values, times.stamps_s)
+        values = turned.values if wanted.column.goes_on else values
         column = Series(wanted, place, replace(times, stamps_s=shifted_s), values)
-        self._remarks.read(column)
+        self._remarks.read(column, turned)
         return column
 
     def _empty(self, place: Place, times: Timeline) -> UnusableInput:

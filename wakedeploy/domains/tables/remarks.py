@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from wakedeploy.core.angles import Unwrapped
 from wakedeploy.domains.tables.resampling import refreshed, stale
 from wakedeploy.domains.tables.series import Series
 
@@ -25,6 +26,8 @@ class _Tally:
     ticks: int = 0
     fresh: int = 0
     silent_s: float = 0.0
+    turns: int = 0
+    odd_jumps: int = 0
 
 
 @dataclass
@@ -33,11 +36,13 @@ class Remarks:
 
     _tallies: dict[str, _Tally] = field(default_factory=dict)
 
-    def read(self, column: Series) -> None:
-        """Count the rows of a column, and those without a number."""
+    def read(self, column: Series, turned: Unwrapped) -> None:
+        """Count the rows of a column, those without a number, and jumps by a turn."""
         tally = self._of(column)
         tally.rows += len(column.values)
         tally.blank += int(np.isnan(column.values).sum())
+        tally.turns += turned.places
+        tally.odd_jumps += turned.doubtful
 
     def brought(self, column: Series, ticks_s: Vector) -> None:
         """Count the ticks of a column, those with a new sample, and the longest silence."""
@@ -57,8 +62,8 @@ class Remarks:
     def sentences(self) -> Iterator[str]:
         """A sentence for each column and thing that was noticed."""
         for tally in self._tallies.values():
-            place = tally.column.place
-            for said in (_on_blanks(tally), tally.column.wanted.doubt, _on_ticks(tally)):
+            place, doubt = tally.column.place, tally.column.wanted.doubt
+            for said in (_on_blanks(tally), doubt, _on_turns(tally), _on_ticks(tally)):
                 if said:
                     yield f"{place.log.path}, column {place.address!r}: {said}"
 
@@ -77,6 +82,27 @@ def _on_blanks(tally: _Tally) -> str:
         return f"{there} of {tally.rows} samples have a number; the others are not measured"
     counts = ", and counts as measured" if _is_output(column) else ""
     return f"{tally.blank} samples have no number; the last one is held{counts}"
+
+
+def _on_turns(tally: _Tally) -> str:
+    """What is said of an angle that jumps by a turn, whether it goes on now or not."""
+    entry = f"in [columns.{tally.column.name}]"
+    odd = f"it jumps by more than half a turn at {_places(tally.odd_jumps)}, by no whole one"
+    goes_on = tally.column.wanted.column.goes_on
+    if not tally.turns:
+        asks = f"if it turns so fast give wraps = true {entry}, else wraps = false"
+        return f"{odd}; {asks}" if tally.odd_jumps and goes_on else ""
+    more = f"; {odd}, and is left so" if tally.odd_jumps else ""
+    if goes_on:
+        return f"unwrapped at {_places(tally.turns)}{more}"
+    return (
+        f"jumps by a turn at {_places(tally.turns)}, as an angle that begins again{more}; wraps ="
+        f" true {entry} lets it go on, wraps = false says that it is right so"
+    )
+
+
+def _places(count: int) -> str:
+    return f"{count} place{'s' if count > 1 else ''}"
 
 
 def _on_ticks(tally: _Tally) -> str:

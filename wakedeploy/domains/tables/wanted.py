@@ -9,6 +9,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from wakedeploy.core.angles import Unwrapped, turn_in, unwrapped
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import contradicted, conversion, is_angular, si_unit
 from wakedeploy.domains.tables.columns import Column
@@ -32,6 +33,12 @@ class Wanted:
                 )
         except ValueError as error:
             raise UnusableInput(f"{file}: columns.{name}.unit: {error}.") from None
+        self._turn = turn_in(self.unit)
+        if column.wraps and self._turn is None:
+            raise UnusableInput(
+                f"{file}: columns.{name}.wraps: {self.unit!r} is no unit of an angle; give rad, "
+                "deg or rev as the unit, or delete the line."
+            )
 
     def require_honest_name(self) -> None:
         """A number in millivolts is not called `motor_v`: Python code would take it for volts."""
@@ -51,6 +58,13 @@ class Wanted:
             if factor == 1:
                 return scaled
             return np.asarray(scaled * float(factor.numerator) / float(factor.denominator))
+
+    def looked_through(self, values: Vector, stamps_s: Vector) -> Unwrapped:
+        """Its numbers in that unit as an angle that goes on, where they are an angle's."""
+        if self._turn is None or self.column.wraps is False:
+            return Unwrapped(values, 0, 0)
+        is_certain = self.column.wraps is True
+        return unwrapped(values, self._turn, stamps_s, is_certain=is_certain)
 
     @property
     def advice_on_missing(self) -> str:

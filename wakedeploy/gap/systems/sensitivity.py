@@ -22,6 +22,7 @@ from wakedeploy.gap.search.looking import Ground, look
 from wakedeploy.gap.systems.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.wrapping import own_wraps
 from wakedeploy.gap.wording import counted, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
@@ -92,6 +93,7 @@ def column_notes(model: LogModel) -> list[str]:
         )
     notes += _ranges(model)
     notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]
+    notes += own_wraps(model)
     for i, stated in enumerate(model.system.inputs):
         notes += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))
     for i, shown in enumerate(model.system.outputs):
