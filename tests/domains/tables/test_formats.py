@@ -14,7 +14,7 @@ from benchmarks.fuzz import logs
 from benchmarks.fuzz.kind import put
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.domains.tables.columns import Delimited, parse_columns
+from wakedeploy.domains.tables.columns import parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.domains.tables.reading import read_recordings
 
@@ -213,21 +213,31 @@ def test_tables_of_text_as_people_write_them(text: str, csv: str, tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("text", "form"),
+    ("text", "comment"),
     [
+        ("t_us,cmd,depth\n{}", None),
         ("# recorded by me\nt_us,cmd,depth\n{}", None),
         ("# t_us,cmd,depth\n{}", None),
-        ("% t_us,cmd,depth\n{}", Delimited(comment="%")),
-        ("% by me\nt_us,cmd,depth\n{}% the end\n", Delimited(comment="%")),
+        ("# by me\nt_us,cmd,depth\n{}# the end\n", "#"),
+        ("t_us,cmd,depth\n# a pause\n{}", "#"),
+        ("% t_us,cmd,depth\n{}", "%"),
+        ("% by me\nt_us,cmd,depth\n{}% the end\n", "%"),
+        ("\n// by me\nt_us,cmd,depth\n{}", "//"),
     ],
 )
+@pytest.mark.parametrize("is_folder", [False, True])
 def test_a_guess_passes_over_comments_and_takes_a_header_that_is_one(
-    text: str, form: Delimited | None, tmp_path: Path
+    text: str, comment: str | None, is_folder: bool, tmp_path: Path
 ) -> None:
-    path = tmp_path / "log.csv"
+    path = tmp_path / "logs" / "log.csv"
+    path.parent.mkdir()
     rows = "".join(f"{20_000 * k},{k % 3},{0.1 * k}\n" for k in range(50))
     path.write_text(text.format(rows), "utf-8")
-    guessed = guess_columns(path, form)
+    path = path.parent if is_folder else path
+    guessed = guess_columns(path)
+    assert ("[csv]" in guessed) == (comment is not None)
+    if comment is not None:
+        assert f'[csv]\ncomment = "{comment}"' in guessed
     assert 'column = "t_us"\nunit = "us"' in guessed
     (one,) = read(path, guessed.replace('role = "unused"', 'role = "output"'))
     assert one.rate_hz == pytest.approx(50.0)

@@ -28,7 +28,7 @@ from wakedeploy.domains.tables.guess_clock import (
     timing_of,
     toml,
 )
-from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log
+from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log, seen_form
 from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
@@ -60,16 +60,19 @@ class _File:
     values: Mapping[str, Values]
 
 
-def guess_columns(path: Path | str, csv: Delimited | None = None) -> str:
+def guess_columns(path: Path | str) -> str:
     """The text of a first `columns.toml` for a log or a folder of logs.
 
     Raises UnusableInput for a file that cannot be read, or that holds no numbers.
     """
-    path, form = Path(path), csv or Delimited()
+    path = Path(path)
     if is_log(path):
+        form = seen_form(path)
         return _text(path, [("", open_log(path, form))], form)
+    files = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+    form = _form_of(files)
     logs = []
-    for file in sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")):
+    for file in files:
         try:
             logs.append((file.name, open_log(file, form)))
         except UnusableInput:
@@ -77,6 +80,19 @@ def guess_columns(path: Path | str, csv: Delimited | None = None) -> str:
     if not logs:
         raise UnusableInput(f"{path}: holds no log of a kind that is known; give a file.")
     return _text(path, logs, form)
+
+
+def _form_of(files: Sequence[Path]) -> Delimited:
+    """How the tables of text in a folder are written: as the first that is not plain."""
+    plain = Delimited()
+    for file in files:
+        try:
+            seen = seen_form(file)
+        except UnusableInput:
+            continue
+        if seen != plain:
+            return seen
+    return plain
 
 
 def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:

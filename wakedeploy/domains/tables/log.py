@@ -82,6 +82,15 @@ def open_log(path: Path, csv: Delimited) -> Log:
     return opened
 
 
+def seen_form(path: Path) -> Delimited:
+    """How a log that is a table of text is written, as far as it can be seen."""
+    if _format(path) != "delimited":
+        return Delimited()
+    from wakedeploy.domains.tables.formats.delimited import seen_form as seen
+
+    return seen(path)
+
+
 def is_log(path: Path) -> bool:
     """Whether a path is one log: a file, or a folder that rosbag2 wrote."""
     return not path.is_dir() or (path / "metadata.yaml").is_file()

@@ -34,6 +34,7 @@ from wakedeploy.domains.tables.log import (
 _BLOCK = 1 << 15  # rows that are converted at once
 _LONGEST_LINE = 1 << 20
 _COMMENT = "#"  # what lines before a header begin with that are none of the table
+_COMMENTS = (_COMMENT, "%", "//", "!")  # that are looked for
 _MISSING = {"", "nan", "null", "none", "na", "n/a"}
 _BOOLEAN = {"true": 1.0, "false": 0.0}
 _UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
@@ -43,6 +44,30 @@ def open_log(path: Path, csv: Delimited) -> Log:
     """Open a delimited text."""
     require_size(path)
     return DelimitedLog(path, csv)
+
+
+def seen_form(path: Path) -> Delimited:
+    """How a text is written, as far as it is seen from what its lines begin with.
+
+    A comment before the header is left out in any case if it begins with #; any other is stated.
+    """
+    require_size(path)
+    try:
+        with _opened(path, Delimited().encoding) as file:
+            return Delimited(comment=_stated_comment(file))
+    except (OSError, EOFError, zlib.error, UnicodeError):  # who reads it says so
+        return Delimited()
+
+
+def _stated_comment(file: IO[str]) -> str | None:
+    is_table, size = False, 0
+    while (line := file.readline(_LONGEST_LINE)) and size <= MOST_BYTES:
+        size += len(line)
+        mark = next((mark for mark in _COMMENTS if line.startswith(mark)), None)
+        if mark is not None and (is_table or mark != _COMMENT):
+            return mark
+        is_table |= mark is None and bool(line.strip())
+    return None
 
 
 @dataclass(frozen=True)
