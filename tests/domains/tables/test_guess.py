@@ -116,3 +116,56 @@ def test_topics_are_brought_to_the_rate_of_the_fastest_that_is_measured(tmp_path
                 writer.add_message(channel, stamp_ns, content, stamp_ns)
         writer.finish()
     assert "rate_hz = 125  # ? that of /state" in guess_columns(path)
+
+
+def archive(path: Path, arrays: dict[str, Any]) -> Path:
+    """The arrays in the format that a name ends in."""
+    if path.suffix == ".npz":
+        np.savez(path, **arrays)
+    elif path.suffix == ".mat":
+        pytest.importorskip("scipy").io.savemat(path, arrays)
+    else:
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            for name, array in arrays.items():
+                file[name] = array
+    return path
+
+
+def arrays(q_t: str, cmd_t: str, q: str = "q", cmd: str = "cmd") -> dict[str, Any]:
+    """A state at 50 Hz that its command at 20 Hz drives; stamps of the command in ms."""
+    t, command_t = np.arange(500) / 50, np.arange(200) / 20
+    return {q_t: t, q: np.arange(500.0), cmd_t: 1000 * command_t, cmd: np.sin(command_t)}
+
+
+@pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
+@pytest.mark.parametrize(
+    ("q_t", "cmd_t"),
+    [("t", "cmd_time_ms"), ("t_q", "t_cmd_ms"), ("time", "x"), ("q_t", "cmd_t")],
+)
+def test_clocks_of_several_lengths_in_one_file_are_those_of_their_columns(
+    kind: str, q_t: str, cmd_t: str, tmp_path: Path
+) -> None:
+    path = archive(tmp_path / f"log.{kind}", arrays(q_t, cmd_t))
+    guessed = guess_columns(path)
+    assert f"[columns.{q_t}]" not in guessed
+    assert f"[columns.{cmd_t}]" not in guessed
+    assert "rate_hz = 50  # ? that of q; inputs are held" in guessed
+    (one,) = read(path, guessed)
+    assert one.columns["q"].tolist() == list(range(len(one.time_s)))
+    assert len(one.time_s) > 470
+    np.testing.assert_allclose(  # the newest command at each tick
+        one.columns["cmd"], np.sin(np.floor(one.time_s * 20 + 1e-9) / 20), atol=1e-12
+    )
+
+
+def test_a_column_has_the_clock_of_its_group_and_of_its_words(tmp_path: Path) -> None:
+    """Three clocks, two of one length that tell other times."""
+    t = np.arange(400) / 40
+    grouped = {"arm/time": t, "arm/q": 40 * t, "base/time": t + 3.0, "base/cmd": np.sin(t)}
+    guessed = guess_columns(archive(tmp_path / "log.h5", grouped | {"slow/time": t[::4]}))
+    assert 'column = "base/cmd"\ntime = "base/time"' in guessed
+    assert 'column = "arm/q"\nrole' in guessed
+    lengths = {"t": t, "q": 40 * t, "t_a": t[::2], "a": t[::2] ** 2, "t_b": t[1::2], "b": t[::2]}
+    guessed = guess_columns(archive(tmp_path / "log.npz", lengths))
+    assert 'column = "a"\ntime = "t_a"' in guessed
+    assert 'column = "b"\ntime = "t_b"' in guessed

@@ -28,6 +28,7 @@ from wakedeploy.domains.tables.guess_clock import (
     timing_of,
     toml,
 )
+from wakedeploy.domains.tables.guess_clocks import clocks_of
 from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log, seen_form
 from wakedeploy.domains.tables.stamps import as_floats
 
@@ -58,6 +59,22 @@ class _File:
     has_own_clock: bool
     timing: Timing
     values: Mapping[str, Values]
+    clocks: Mapping[str, Timing]  # of columns that have another than the file's first
+
+    def timing_of(self, column: str) -> Timing:
+        """The clock of a column."""
+        return self.clocks.get(column, self.timing)
+
+    @property
+    def timings(self) -> list[Timing]:
+        """Its clocks, each once, the first one first."""
+        return list({t.column: t for t in (self.timing, *self.clocks.values())}.values())
+
+    def sampled(self) -> Iterator[tuple[str, Vector]]:
+        """The stamps at which each column has a number."""
+        for timing in self.timings:
+            own = {n: v for n, v in self.values.items() if self.timing_of(n) is timing}
+            yield from sampled_of(self.name, timing, own)
 
 
 def guess_columns(path: Path | str) -> str:
@@ -106,8 +123,8 @@ def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
         falls = on_falls(timing.stamps_s, first.values)
         lines += [f'falling = "{falls[0]}"  # ? {falls[1]}'] if falls else []
         is_even, gap_s = pace_of(timing.stamps_s, falls is not None and falls[0] == "split")
-        if not is_even or any(_differs(file.timing, timing) for file in files):
-            resampling = resampled(s for f in files for s in sampled_of(f.name, f.timing, f.values))
+        if not is_even or any(_differs(t, timing) for file in files for t in file.timings):
+            resampling = resampled(sampled for file in files for sampled in file.sampled())
     head = [
         f"# What the columns of {path.name} mean, as far as it can be seen. Lines with a question",
         "# mark are guesses. Give the columns that you need a role: input, output, observation or",
@@ -143,7 +160,12 @@ def _seen(name: str, log: Log) -> _File:
     has_own_clock = any(log.clock_of(field.name) for field in fields)
     timing = Timing(()) if has_own_clock else timing_of(log, log.fields())
     listed = [field for field in fields[:MOST_COLUMNS] if field.name != timing.column]
-    return _File(name, log, fields, has_own_clock, timing, _all_values(log, listed))
+    values = _all_values(log, listed)
+    clocks = clocks_of(log, listed, timing, values)
+    used = {clock.column for clock in clocks.values()}
+    values = {column: numbers for column, numbers in values.items() if column not in used}
+    clocks = {column: clock for column, clock in clocks.items() if column not in used}
+    return _File(name, log, fields, has_own_clock, timing, values, clocks)
 
 
 def _numeric(log: Log) -> list[Field]:
@@ -191,7 +213,8 @@ def _entry(
     yield f"column = {toml(field.name)}"
     if file.name:
         yield f"file = {toml(file.name)}"
-    own = (file.timing.column, file.timing.unit)
+    timing = file.timing_of(field.name)
+    own = (timing.column, timing.unit)
     if own[0] is not None and own != (base.column, base.unit):
         yield f"time = {toml(own[0])}"
         if own[1] is not None:
@@ -213,7 +236,7 @@ def _is_of_a_stream(file: _File, name: str) -> bool:
     Another column has its numbers in just those rows, or there are never more than a few in a row.
     """
     is_there = np.isfinite(as_floats(file.values[name]))
-    if _usual_run(is_there[_in_order(file.timing, len(is_there))]) <= _SHORT_RUN:
+    if _usual_run(is_there[_in_order(file.timing_of(name), len(is_there))]) <= _SHORT_RUN:
         return True
     some = slice(None, None, max(len(is_there) // _MANY_ROWS, 1))
     here = is_there[some]

@@ -4,7 +4,7 @@ In: a log. Out: a `Timing`: lines for [time] of a first `columns.toml`, and the 
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +34,7 @@ _TIME_NAMES = (
     r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
     r".*time.*|.*stamp.*",
 )
+_LIKE_TIME = r"t_\w+|\w+_t"  # a clock if it rises all along, which no torque does
 _LARGEST = 1e30  # of a stamp; no damaged file overflows
 _FEW_STAMPS, _EVEN = 10, 0.5  # fewer say nothing; spread of most steps over the usual one
 _FEW_FALLS, _LONG_RUN = 5, 100  # of a clock that begins again; more falls have rows between them
@@ -81,15 +82,30 @@ def own_timing(log: Log, fields: Sequence[Field]) -> tuple[Timing, tuple[str, ..
 
 def timing_of(log: Log, fields: Sequence[Field]) -> Timing:
     """The clock that a log's fields hold, or the rate that stands in it."""
-    for pattern in _TIME_NAMES:
-        for field in fields:
-            bare = re.sub(r"\s*[(\[][^()\[\]]*[)\]]\s*$", "", field.name).strip().lower()
-            if re.fullmatch(pattern, bare) and (found := _clock(log, field)) is not None:
-                return found
+    if (named := next(called_times(log, fields), None)) is not None:
+        return named
     for field in fields:  # texts that are dates are a clock, whatever they are called
         if field.example is None and (found := _clock(log, field)) is not None:
             return found
     return _stated_rate(log, fields)
+
+
+def called_times(log: Log, fields: Sequence[Field]) -> Iterator[Timing]:
+    """The clocks that a log's fields are by their names, the likeliest first."""
+    for pattern in _TIME_NAMES:
+        for field in fields:
+            if re.fullmatch(pattern, _bare(field)) and (found := _clock(log, field)) is not None:
+                yield found
+    likely = [f for f in fields if re.fullmatch(_LIKE_TIME, _bare(f)) and _rises(log, f)]
+    yield from (found for field in likely if (found := _clock(log, field)) is not None)
+
+
+def even_clock(log: Log, field: Field) -> Timing | None:
+    """A field as a clock by what it does; None for any other."""
+    if not _rises_evenly(log, field) or (found := _clock(log, field)) is None:
+        return None
+    column, *more = found.lines
+    return replace(found, lines=(f"{column}  # ? it rises evenly", *more))
 
 
 def sampled_of(name: str, timing: Timing, values: Mapping[str, Values]) -> list[tuple[str, Vector]]:
@@ -247,24 +263,40 @@ def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing:
             return Timing((f"rate_hz = {rate:g}  # ? from {toml(field.name)}",))
     by_unit = sorted(fields[:MOST_COLUMNS], key=lambda field: not _unit_in(field.name))
     for field in by_unit:
-        if _rises_evenly(log, field) and (found := _clock(log, field)) is not None:
-            column, *more = found.lines
-            return replace(found, lines=(f"{column}  # ? it rises evenly", *more))
+        if (found := even_clock(log, field)) is not None:
+            return found
     return Timing(("rate_hz = 0  # not found in the log: give the samples a second",))
+
+
+def _bare(field: Field) -> str:
+    """What a field is called within its group, without a unit in brackets."""
+    whole = re.sub(r"\s*[(\[][^()\[\]]*[)\]]\s*$", "", field.name)
+    return whole.rpartition("/")[2].strip().lower()
+
+
+def _rises(log: Log, field: Field) -> bool:
+    """Whether each number is larger than the one before."""
+    steps = _steps(log, field)
+    return steps is not None and bool((steps > 0).all())
+
+
+def _steps(log: Log, field: Field) -> Vector | None:
+    """The steps of a column from number to number; None for few, or for something else."""
+    try:
+        values = log.read([field.name], [field.name])[field.name]
+    except UnusableInput:
+        return None
+    if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
+        return None
+    numbers = as_floats(values)
+    return np.diff(numbers) if (np.abs(numbers) < _LARGEST).all() else None
 
 
 def _rises_evenly(log: Log, field: Field) -> bool:
     """Whether a column is a clock by what it does: hardly anything else rises by even steps."""
-    try:
-        values = log.read([field.name], [field.name])[field.name]
-    except UnusableInput:
+    steps = _steps(log, field)
+    if steps is None:
         return False
-    if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
-        return False
-    numbers = as_floats(values)
-    if not (np.abs(numbers) < _LARGEST).all():
-        return False
-    steps = np.diff(numbers)
     low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
     is_count = bool((steps == 1.0).all())  # of samples, as a table's index
     return not is_count and bool((steps > 0).all() and usual > 0 and high - low < _EVEN * usual)
