@@ -38,7 +38,8 @@ def write_corrected(
     """Write both files into a folder; returns sentences about what is written and what is not.
 
     `constants` are those that the system states, by name. `answer` is what `name.json` has: a
-    verdict, effects and constants with `value`, `low`, `high` and `unit`.
+    verdict, effects and constants with `value`, `low`, `high` and `unit`; beside it, `reached` may
+    have the least and the largest command of the logs, by the input's name.
     """
     if answer["verdict"] in ("none", "unknown"):
         return [_left_alone(elements, answer, out)]
@@ -52,7 +53,7 @@ def write_corrected(
 
 def fitted(elements: Elements, constants: Mapping[str, Constant], answer: Told) -> Fitted:
     """Every number of the file that was fitted, stated otherwise or found."""
-    written = Fitted(elements)
+    written = Fitted(elements, reached=answer.get("reached", {}))
     add_constants(written, constants, answer["constants"])
     for effect in answer["effects"]:
         add_effect(written, Found(effect["name"], effect["parameters"]))
@@ -110,7 +111,7 @@ def _write_following(spec: Any, one: Following) -> None:
         element.springref = math.degrees(one.values[0]) if in_degrees else one.values[0]
         return
     if one.attribute == "ctrlrange":
-        element.inheritrange = 0.0  # the range is stated now
+        element.inheritrange, element.ctrllimited = 0.0, True  # the range is stated now
     getattr(element, one.attribute)[:] = one.values
 
 

@@ -6,6 +6,7 @@ written, but for three: a lag or a delay is one of the command within limits, th
 command acts from the first moment, and friction that bends before it slides is plain dry friction.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -60,6 +61,23 @@ def add_commands(written: Fitted) -> None:
             low, high = ((float(end) - added.nominal) / factor.nominal
                          for end in model.actuator_ctrlrange[i])  # fmt: skip
             written.follow("actuator", name, "ctrlrange", low, high)
+    for name, ends in written.cut.items():
+        _cut(written, by_name[name], *ends)
+
+
+def _cut(written: Fitted, actuator: Actuator, low: Range, high: Range) -> None:
+    """Limits of a command that were found, within those that it has."""
+    model, i = written.elements.model, actuator.index
+    known = written.following.get(("actuator", actuator.name, "ctrlrange"))
+    ends = (-math.inf, math.inf)
+    if known is not None:
+        ends = (known.values[0], known.values[1])
+    elif model.actuator_ctrllimited[i]:
+        ends = (float(model.actuator_ctrlrange[i, 0]), float(model.actuator_ctrlrange[i, 1]))
+    tighter = [low] * (low.nominal > ends[0]) + [high] * (high.nominal < ends[1])
+    written.ranges |= {one.key: one for one in tighter}
+    within = max(low.nominal, ends[0]), min(high.nominal, ends[1])
+    written.follow("actuator", actuator.name, "ctrlrange", *within)
 
 
 def _without(effect: Found, reason: str = "") -> str:
@@ -215,8 +233,7 @@ def _command(written: Fitted, actuator: Actuator, effect: Found) -> str:
         return _without(
             effect, f"actuator {actuator.name!r} integrates its command or limits its state"
         )
-    plain = (as_is("actuator", actuator.name, "", number, "") for number in (1.0, 0.0))
-    factor, added = written.commands.get(actuator.name) or tuple(plain)
+    factor, added = written.commands.get(actuator.name) or _as_given(actuator)
     limits = ["ctrlrange"] * int(model.actuator_ctrllimited[i])
     if effect.kind == "bias":
         written.commands[actuator.name] = factor, added.plus(effect.parameters["bias"])
@@ -227,6 +244,12 @@ def _command(written: Fitted, actuator: Actuator, effect: Found) -> str:
         return _without(effect, "a command that is turned round or lost is none")
     written.commands[actuator.name] = factor.times(scale), added.times(scale)
     return _carried(effect, actuator, "gainprm[0]", limits)
+
+
+def _as_given(actuator: Actuator) -> tuple[Range, Range]:
+    """The factor and the sum of a command that nothing acts on."""
+    one, none = (as_is("actuator", actuator.name, "", number, "") for number in (1.0, 0.0))
+    return one, none
 
 
 def _gain_of(written: Fitted, actuator: Actuator) -> Range:
@@ -242,13 +265,32 @@ def _gain_of(written: Fitted, actuator: Actuator) -> Range:
 
 
 def _saturation(written: Fitted, actuator: Actuator, effect: Found) -> str:
-    """What is cut counts from the largest command of the logs, which an answer does not have."""
-    cut = effect.parameters["cut"]
-    return (
-        f"{effect.name} is a ctrlrange of actuator {actuator.name!r}, up to the largest command of "
-        f"the logs less {float(cut['value']):.3g} {cut['unit']}; set it by hand, as {CORRECTED} is "
-        "without it."
+    """A limit to the command, whatever the force that follows from it: a range of commands.
+
+    What is cut counts from the largest command of the logs, as it is after the effects before it.
+    """
+    cut, reached = effect.parameters["cut"], written.reached.get(actuator.command)
+    if reached is None:
+        return (
+            f"{effect.name} is a ctrlrange of actuator {actuator.name!r}, up to the largest command"
+            f" of the logs less {float(cut['value']):.3g} {cut['unit']}; set it by hand, as "
+            f"{CORRECTED} is without it."
+        )
+    if ("actuator", actuator.name, "lag") in written.ranges:
+        return _without(effect, "it cuts what a lag has passed, and MuJoCo what is commanded")
+    factor, added = (r.nominal for r in written.commands.get(actuator.name) or _as_given(actuator))
+    largest = max(abs(factor * float(end) + added) for end in reached)
+    if not largest > float(cut["value"]):
+        return _without(effect, "it cuts all of the command")
+    places = (("ctrlrange[0]", -1.0), ("ctrlrange[1]", 1.0))
+    low, high = (
+        as_is("actuator", actuator.name, attribute, way * largest, cut["unit"])
+        .plus(cut, -way)
+        .moved(added, factor)
+        for attribute, way in places
     )
+    written.cut[actuator.name] = low, high
+    return f"{effect.name} is the ctrlrange of actuator {actuator.name!r} in {CORRECTED}."
 
 
 _OF_JOINT: dict[str, Callable[[Fitted, Joint, Found], str]] = {

@@ -6,7 +6,7 @@ stated value where the logs do not rule that out.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -59,6 +59,11 @@ class Range:
         nominal = self.nominal * float(size["value"])
         return replace(self, nominal=nominal, low=min(ends), high=max(ends), stated=None)
 
+    def moved(self, by: float, factor: float) -> "Range":
+        """The same less a constant, over a factor above 0."""
+        nominal, low, high = ((end - by) / factor for end in (self.nominal, self.low, self.high))
+        return replace(self, nominal=nominal, low=low, high=high)
+
     def row(self) -> dict[str, Any]:
         """As the file of ranges has it."""
         row = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -102,6 +107,8 @@ class Fitted:
     following: dict[Key, Following] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
     commands: dict[str, tuple[Range, Range]] = field(default_factory=dict)  # factor and sum of each
+    cut: dict[str, tuple[Range, Range]] = field(default_factory=dict)  # lower and upper limit
+    reached: Mapping[str, Sequence[float]] = field(default_factory=dict)  # by commands in the logs
 
     def value(self, element: str, name: str, attribute: str, otherwise: float) -> float:
         """A number as it will be written, `otherwise` where it stays."""
