@@ -108,10 +108,11 @@ class Gap:
 
     @property
     def corrected(self) -> Path | None:
-        """The file with what was found; None of a rig to which nothing was added.
+        """The file with what was found; None where nothing was added.
 
         Of a rig it is `rig.toml`. Of a system it is `correction.toml`, for
-        `MyRobot.corrected(gap.corrected)`; it has the constants as they were fitted, too.
+        `MyRobot.corrected(gap.corrected)`; it has the constants as they were fitted, too. Where no
+        effect was named it has only those that nobody has measured.
         """
         if isinstance(self.result, SystemResult):
             path = self.folder / CORRECTION

@@ -207,8 +207,8 @@ def run_steps(
 
 def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> None:
     """What a step told, the files that it left, and what may follow."""
-    from wakedeploy.gap.search.artefacts import Result
-    from wakedeploy.gap.systems.own_folder import CORRECTION, planned_in
+    from wakedeploy.gap.search.artefacts import Answer, Result
+    from wakedeploy.gap.systems.own_folder import correction_told, planned_in
     from wakedeploy.gap.systems.words import sentences
 
     told = taken.told
@@ -218,7 +218,8 @@ def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> Non
     if only is not None:
         click.echo(f"Added as you asked: {only}, beside what is sure.")
     if is_added:
-        click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
+        assert isinstance(told, Answer)
+        click.echo(correction_told(out, bool(told.effects) or only is not None))
         for line in taken.exported:
             click.echo(line)
     if isinstance(told, Result):

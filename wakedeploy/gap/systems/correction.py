@@ -1,6 +1,6 @@
 """What was found, as a small TOML file that a system loads: `MyRobot.corrected("correction.toml")`.
 
-In: a fit and its model. Out: constants as they were fitted, effects with their parameters, and the
+In: a fit and its model. Out: constants as it has them, effects with their parameters, and the
 usual sizes from the log, by which smooth signs and shapes are told.
 """
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import pydantic
 
 from wakedeploy.core.errors import UnusableInput, why
@@ -64,6 +65,11 @@ class Correction:
     document: Document
 
     @property
+    def is_empty(self) -> bool:
+        """Whether it leaves the system as it is."""
+        return not self.document.effect and not self.document.constants
+
+    @property
     def effects(self) -> tuple[str, ...]:
         """The effects that act."""
         return tuple(e.name for e in self.document.effect)
@@ -79,15 +85,24 @@ class Correction:
 
 
 def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
-    """What a fit says, without its noise."""
+    """What a fit says, without its noise; of one without effects what nobody knew before.
+
+    Constants that are refitted alone follow the logs' noise, or bend to what is missing; but any
+    fit knows more of those that nobody has measured.
+    """
     values = dict(zip(fitted.names, map(float, fitted.theta), strict=True))
+    constants, form = _below(values, "constant."), _below(values, "form.")
+    if not fitted.hypothesis:
+        spreads = {c.name: c.spread for c in model.system.constants}
+        constants = {n: v for n, v in constants.items() if np.isinf(spreads[n])}
+        form = {}
     document = Document(
         version=VERSION,
         system=model.system.name,
         sample_s=model.dt_s,
         span_s=model.span_s,
-        constants=_below(values, "constant."),
-        form=_below(values, "form."),
+        constants=constants,
+        form=form,
         sizes=dict(model.sizes),
         effect=tuple(Named(name=n, parameters=_below(values, f"{n}.")) for n in fitted.hypothesis),
     )

@@ -55,7 +55,11 @@ class OwnFolder(Folder):
         if self.only is not None:
             fitted = self._with_member(answer, self.only)
             told = _with_effects_of(answer, fitted)
-        write_correction(correction_of(self.log_model, fitted), self.out / CORRECTION)
+        correction = correction_of(self.log_model, fitted)
+        if correction.is_empty:
+            (self.out / CORRECTION).unlink(missing_ok=True)  # of an earlier answer
+        else:
+            write_correction(correction, self.out / CORRECTION)
         system = self.log_model.system
         where = f"{system.name}.export"
         answered = told.as_json() | {"reached": _reached(self.log_model)}
@@ -126,6 +130,18 @@ def _with_effects_of(answer: Answer, fitted: Fit) -> Answer:
         for name in fitted.hypothesis
     ]
     return answer.model_copy(update={"effects": effects, "parameters": sizes})
+
+
+def correction_told(out: Path, has_effects: bool) -> str:
+    """Where the correction is, or why there is none."""
+    path = out / CORRECTION
+    if not path.is_file():
+        return (
+            "Correction: none, as nothing was named. The system stays as it is: constants that are "
+            "refitted alone follow the logs' noise."
+        )
+    what = "" if has_effects else " with the constants that nobody has measured, as fitted,"
+    return f"Correction: {path},{what} for `gap simulate` and System.corrected()"
 
 
 def planned_in(out: Path, result: Result) -> Planned | None:

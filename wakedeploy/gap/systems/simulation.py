@@ -31,7 +31,7 @@ def replay_error(system: System, recording: Recording) -> dict[str, float]:
 
 def _acting(model: LogModel) -> tuple[Acting, dict[str, float]]:
     correction = model.system.correction
-    if correction is None:
+    if correction is None or correction.is_empty:
         return Acting(model.system, (), model.sizes), {"nothing": 0.0}
     document = correction.document
     library = offered(model.system, document.sizes, (document.sample_s, document.span_s))

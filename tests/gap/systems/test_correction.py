@@ -1,0 +1,130 @@
+"""What a correction has where nothing was named: what nobody knew before, or nothing at all."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.cli import main
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.systems.correction import correction_of, read_correction, write_correction
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.simulation import replay_error
+
+GAIN = 3.0
+SLIDE = """
+import math
+from wakedeploy import Constant, Input, Output, Port, System
+
+
+class Slide(System):
+    rate_hz = 50.0
+    inputs = [Input("push_v", "V")]
+    states = {"speed_mps": "m/s"}
+    outputs = [Output("speed_mps", "m/s", noise=0.01)]
+    constants = [
+        Constant("push_n_per_v", GAIN),
+        Constant("mass_kg", 2.0, spread=0.1),
+        Constant("drag_ns_per_m", 1.0, spread=0.1),
+    ]
+    ports = [Port.force("speed_mps", inertia="mass_kg", kinds=["offset"])]
+
+    def derivative(self, state, inputs, c):
+        pull = c.push_n_per_v * inputs.push_v - c.drag_ns_per_m * state.speed_mps
+        return {"speed_mps": pull / c.mass_kg}
+"""
+
+
+class Slide(System):
+    """A slide whose motor nobody has measured."""
+
+    rate_hz = 50.0
+    inputs = [Input("push_v", "V")]
+    states = {"speed_mps": "m/s"}
+    outputs = [Output("speed_mps", "m/s", noise=0.01)]
+    constants = [
+        Constant("push_n_per_v", 1.0, spread=math.inf),
+        Constant("mass_kg", 2.0, spread=0.1),
+        Constant("drag_ns_per_m", 1.0, spread=0.1),
+    ]
+    ports = [Port.force("speed_mps", inertia="mass_kg", kinds=["offset"])]
+
+    def derivative(self, state, inputs, c):
+        pull = c.push_n_per_v * inputs.push_v - c.drag_ns_per_m * state.speed_mps
+        return {"speed_mps": pull / c.mass_kg}
+
+
+class Measured(Slide):
+    """The same, with a motor that is known."""
+
+    constants = [Constant("push_n_per_v", GAIN, spread=0.1), *Slide.constants[1:]]
+
+
+def recorded(seed: int) -> Recording:
+    """The slide, exactly between its samples, with noise on its speed."""
+    rng = np.random.default_rng(seed)
+    volts = np.repeat(rng.standard_normal(40), 25)
+    kept, speed, shown = math.exp(-0.5 / 50.0), 0.0, []
+    for u in volts:
+        shown.append(speed + 0.01 * rng.standard_normal())
+        speed = kept * speed + (1.0 - kept) * GAIN * u
+    columns = {"push_v": volts, "speed_mps": np.array(shown)}
+    return Recording("slide", np.arange(len(volts)) / 50.0, columns)
+
+
+def fitted_alone(system: System):
+    model = LogModel(system, [recorded(0)])
+    return correction_of(model, fit(model, (), range(model.episodes)))
+
+
+def test_it_has_the_constants_that_nobody_has_measured_and_no_other(tmp_path: Path) -> None:
+    kept = fitted_alone(Slide())
+    assert list(kept.document.constants) == ["push_n_per_v"]
+    assert kept.document.constants["push_n_per_v"] == pytest.approx(GAIN, rel=0.05)
+    assert not kept.document.form
+    write_correction(kept, tmp_path / "correction.toml")
+    better, other = Slide(), recorded(1)
+    better.correction = read_correction(tmp_path / "correction.toml", "Slide")
+    assert replay_error(better, other)["speed_mps"] < 0.05
+    assert replay_error(Slide(), other)["speed_mps"] > 0.5
+
+
+def test_it_leaves_a_system_whose_constants_are_known_as_it_is() -> None:
+    kept = fitted_alone(Measured())
+    assert kept.is_empty
+    same, other = Measured(), recorded(1)
+    same.correction = kept
+    np.testing.assert_array_equal(
+        same.simulate(other)["speed_mps"], Measured().simulate(other)["speed_mps"]
+    )
+
+
+@pytest.mark.parametrize("spread", ["spread=0.1", "spread=math.inf"])
+def test_the_command_says_what_it_keeps(tmp_path: Path, spread: str) -> None:
+    """An earlier correction, which would pass for this one's, is gone."""
+    (tmp_path / "slide.py").write_text(SLIDE.replace("GAIN", f"{GAIN}, {spread}"))
+    log = recorded(0)
+    rows = np.column_stack([log.time_s, log.columns["push_v"], log.columns["speed_mps"]])
+    header = "time_s,push_v,speed_mps"
+    np.savetxt(tmp_path / "log.csv", rows, "%.9g", ",", header=header, comments="")
+    (tmp_path / "gap").mkdir()
+    path = tmp_path / "gap" / "correction.toml"
+    path.write_text("of an earlier answer")
+    words = ["gap", "add", "--system", str(tmp_path / "slide.py"), "--measured"]
+    told = CliRunner().invoke(
+        main, [*words, str(tmp_path / "log.csv"), "--out", str(tmp_path / "gap")]
+    )
+    assert told.exit_code == 0, told.output
+    assert json.loads((tmp_path / "gap" / "name.json").read_text())["verdict"] == "none"
+    if "inf" in spread:
+        kept = f"Correction: {path}, with the constants that nobody has measured, as fitted, for"
+        assert kept in told.stdout
+        assert list(read_correction(path, "Slide").document.constants) == ["push_n_per_v"]
+    else:
+        assert "Correction: none, as nothing was named" in told.stdout
+        assert not path.exists()
