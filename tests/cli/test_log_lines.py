@@ -48,10 +48,10 @@ def test_each_tenth_is_a_line_with_the_time_left(
     printed = lines(capsys)
     assert printed[:3] == [
         "Flying …",  # nothing was said for two seconds
-        "Flying: 10 %, about 45 s left",
+        "Flying: 10 %, 5 s so far",
         "Flying: 20 %, about 40 s left",
     ]
-    assert printed[-2:] == ["Flying: 90 %, about 5 s left", "Flying: done in 50 s"]
+    assert printed[-2:] == ["Flying: 90 %, 45 s so far", "Flying: done in 50 s"]
     assert len(printed) == 11
 
 
@@ -159,9 +159,30 @@ def test_a_stage_is_told_when_it_begins_and_how_far_it_is(
         "… fitting the rig file",
         "… fitting the rig file: 60 s so far",
         "… trying 4 effects",
-        "… trying 4 effects: 25 %, about 9 s left",
-        "… trying 4 effects: 50 %, about 6 s left",
-        "… trying 4 effects: 75 %, about 3 s left",
+        "… trying 4 effects: 25 %, 3 s so far",
+        "… trying 4 effects: 50 %, 6 s so far",
+        "… trying 4 effects: 75 %, 9 s so far",
+    ]
+
+
+def test_quick_steps_promise_nothing_of_what_follows_them(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A ranking: forty effects are looked at, then the best are fitted, which takes far longer."""
+    told, stage = Stages(), "ranking effects"
+    for done in range(1, 41):
+        clock.now_s += 0.1
+        told(stage, done, 46)
+    clock.now_s += 100.0
+    told.tick()
+    told(stage, 46, 46)
+    clock.now_s += 100.0
+    told.tick()
+    printed = lines(capsys)
+    assert not any("left" in line for line in printed)
+    assert printed[-2:] == [
+        "… ranking effects: 87 %, 2 min so far",
+        "… ranking effects: 3 min so far",  # not 100 %: it still goes on
     ]
 
 

@@ -11,14 +11,17 @@ _SILENT_S = 2.0  # what takes no longer says nothing, and no two lines are neare
 _LINE_S = 60.0
 _LOOK_S = 0.5
 _AT_ONCE_S = 0.1  # what is done so soon was done before
+_KNOWN_S = 10.0  # of steps, before which nothing is known of the others; nor is less told as left
 
 
 class LogLines:
     """How far something is: a line each tenth, and one a minute where a tenth takes longer.
 
     Nothing is said of what takes less than two seconds. Of `done` steps, done before, nothing is
-    learned about the time that the others take, and a step that takes longer than those before it
-    leaves the estimate out. `counted` tells steps instead of per cent.
+    learned about the time that the others take; nor of steps that took ten seconds together, as
+    what follows may be of another kind. A step that takes longer than those before it leaves the
+    estimate out, and so do less than ten seconds: the last step may not be the end of the work.
+    `counted` tells steps instead of per cent.
     """
 
     def __init__(self, what: str, total: int = 0, done: int = 0, *, counted: bool = False) -> None:
@@ -71,15 +74,15 @@ class LogLines:
     def _standing(self, now_s: float) -> str:
         """How far it is, and how long the rest takes or, unknown, how long it has taken."""
         took_s, steps = now_s - self._began_s, self._done - self._before
-        if not self._total:
+        if self._done >= self._total:  # what follows the last step is none, nor is a stage of none
             return f"{duration(took_s)} so far"
         far = f"{100 * self._done / self._total:.0f} %"
         far = f"{self._done} of {self._total}" if self._counted else far
         each_s = (self._stepped_s - self._began_s) / steps if steps > 0 else 0.0
         since_s = now_s - self._stepped_s
-        if since_s > each_s or self._done >= self._total:
-            return f"{far}, {duration(took_s)} so far"
         left_s = each_s * (self._total - self._done) - since_s
+        if since_s > each_s or steps * each_s < _KNOWN_S or left_s < _KNOWN_S:
+            return f"{far}, {duration(took_s)} so far"
         return f"{far}, about {duration(left_s)} left"
 
     def _say(self, how_far: str) -> None:
