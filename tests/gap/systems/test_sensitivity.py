@@ -7,6 +7,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.augmented import Acting
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.power import power
@@ -102,10 +103,17 @@ class Valve(System):
 
 def _notes(begins: float, **changes: object) -> str:
     """What is said of logs whose command is a share, or begins and goes on in percent."""
+    return "\n".join(column_notes(LogModel(_valve(**changes), [_swung(begins)])))
+
+
+def _valve(**changes: object) -> Valve:
+    return type("Valve", (Valve,), changes)()
+
+
+def _swung(begins: float) -> Recording:
     time_s = np.arange(400) / 100.0
     columns = {"command_pct": begins + 0.5 * np.sin(time_s), "flow": 0.2 + 0.1 * np.sin(time_s)}
-    system = type("Valve", (Valve,), changes)()
-    return "\n".join(column_notes(LogModel(system, [Recording("made", time_s, columns)])))
+    return Recording("made", time_s, columns)
 
 
 def test_a_state_that_begins_at_0_and_does_not_rest_there_is_told() -> None:
@@ -131,4 +139,8 @@ def test_constants_that_no_fit_moves_are_listed_and_those_that_keep_their_sign()
     told = _notes(0.0)
     assert "taken as exact, for want of a spread: valve_s." in told
     assert "constant leak keeps its sign" in told
+    assert "may be on either side of 0, from" not in told
+    wide = checked(_valve(constants=[*Valve.constants[:2], Constant("leak", 0.01, spread=0.1)]))
+    told = "\n".join(column_notes(LogModel(wide, [_swung(0.0)])))
+    assert "constant leak may be on either side of 0, from \u22120.39 to 0.41." in told
     assert "constant flow_s keeps" not in told

@@ -102,15 +102,21 @@ def test_a_sound_system_passes():
         ({"constants": [Constant("mass_kg", 2.0, spread=-1.0)]}, "spread"),
         (
             {"constants": [Constant("mass_kg", 2e-4, spread=0.1)]},
-            r"spread of 0\.1, 500 times its value.*10 % of it are 2e-05",
+            r"spread of 0\.1, 500 times its value.*inertia of the port 'speed_mps'.*spread=2e-05",
         ),
         (
-            {"constants": [Constant("mass_kg", 2.0), Constant("buoyancy_n", -0.5, spread=2.0)]},
-            r"buoyancy_n' is -0\.5 with a spread of 2, 4 times .* state so: low=-8\.5, high=7\.5",
+            {"constants": [Constant("mass_kg", 50.0, spread=200.0)], "ports": []},
+            r"spread of 200, 4 times.*derivative gives no number where it is 0\..*spread=5 for 10",
         ),
         (
-            {"constants": [Constant("mass_kg", 50.0, spread=200.0)]},
-            "a spread of 200, 4 times its value",
+            {
+                "constants": [Constant("mass_kg", 2.0), Constant("grip", 0.1, spread=1.0)],
+                "derivative": lambda s, state, u, c: {
+                    "position_m": state.speed_mps * np.sqrt(c.grip),
+                    "speed_mps": 0.0,
+                },
+            },
+            r"gives no number where it is -3\.9",
         ),
         ({"constants": [Constant("mass_kg", 0.12, low=1.0)]}, r"in \[1, 120\]; give a finite"),
         ({"constants": [Constant("mass_kg", 2.0, unit="kilo")]}, "the unit 'kilo', which is not"),
@@ -136,11 +142,35 @@ def test_what_does_not_fit_is_said_by_name(changes, said):
         checked(_with(**changes))
 
 
-def test_an_offset_near_zero_may_turn_where_its_bounds_say_so():
-    offset = Constant("buoyancy_n", -0.5, spread=2.0, low=-8.5, high=7.5)
+@pytest.mark.parametrize("bounds", [{}, {"low": -8.5, "high": 7.5}])
+def test_an_offset_near_zero_may_turn(bounds):
+    """As far as it says, or as its spread does: four of them to each side."""
+    offset = Constant("buoyancy_n", -0.5, spread=2.0, **bounds)
     mass = Constant("mass_kg", 2.0)
     (free,) = LogModel(checked(_with(constants=[mass, offset])), [_recording()])._constants()
-    assert (free.low, free.high) == (-8.5, 7.5)
+    assert (free.low, free.high, free.step) == (-8.5, 7.5, 0.04)
+    assert free.neutral == -0.5
+
+
+def test_a_gain_of_the_wrong_sign_is_found_where_its_spread_lets_it_turn():
+    """Of logs alone: the slope of what is shown over what drives it is 1.5, and stated as −0.5."""
+    system = checked(
+        _with(
+            constants=[Constant("mass_kg", 2.0), Constant("gain", -0.5, spread=2.0)],
+            derivative=lambda s, state, u, c: {
+                "position_m": state.speed_mps,
+                "speed_mps": c.gain * u.force_n / c.mass_kg,
+            },
+        )
+    )
+    rng, time_s = np.random.default_rng(0), np.arange(800) / 100.0
+    force = np.repeat(rng.standard_normal(32), 25)
+    speed = np.concatenate([[0.0], np.cumsum(0.75 * force[:-1]) / 100.0])
+    place = np.concatenate([[0.0], np.cumsum(speed[:-1] + 0.5 * np.diff(speed)) / 100.0])
+    shown = place + 1e-3 * rng.standard_normal(800)
+    recording = Recording("made", time_s, {"force_n": force, "position_m": shown})
+    model = LogModel(system, [recording])
+    assert fit(model, (), range(model.episodes)).value("constant.gain") == pytest.approx(1.5, 0.1)
 
 
 def _recording() -> Recording:

@@ -1,11 +1,12 @@
 """A user's system, checked by name and tried once.
 
 In: a `System`. Out: the same, if what it states fits together and its functions give one number a
-point; UnusableInput with one sentence else.
+point; UnusableInput with one sentence else. A constant that may be on either side of 0 has bounds.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,15 +17,19 @@ from wakedeploy.gap.systems.calls import called
 from wakedeploy.gap.systems.system import Constant, FloatArray, Input, Output, Point, Port, System
 
 _System = TypeVar("_System", bound=System)
+Method = Callable[[Point, Point, Point], dict[str, Any]]
 
 HOLDS = ("step", "linear", "bandlimited")
 MOST_STEPS = 64
 _WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
-_FAR = 4.0  # spreads from its value: bounds that are offered for a constant that may turn
+_FAR = 4.0  # spreads from its value: bounds of a constant whose spread lets it turn
 
 
 def checked(system: _System) -> _System:
     """The same system, if what it states fits together and its functions can be evaluated.
+
+    A constant whose spread is more than three times its value may be on either side of 0, up to
+    four spreads away, if the functions give numbers there.
 
     Raises UnusableInput by name and in one sentence for what is missing, unknown, of the wrong
     shape or not finite.
@@ -32,7 +37,52 @@ def checked(system: _System) -> _System:
     _check_statements(system)
     _check_ports(system)
     _check_functions(system)
+    vars(system)["constants"] = [_bounded(system, c) for c in system.constants]
     return system
+
+
+def _bounded(system: _System, c: Constant) -> Constant:
+    """The constant, on either side of 0 where its spread says so and the system bears it.
+
+    UnusableInput for what divides, or bears no other sign for another reason, as a mass.
+    """
+    if not (c.keeps_sign and _WIDEST * abs(c.value) < c.spread < math.inf):
+        return c
+    wide = replace(c, low=c.value - _FAR * c.spread, high=c.value + _FAR * c.spread)
+    why = _unborne(system, wide)
+    if not why:
+        return wide
+    raise UnusableInput(
+        f"{system.name}: constant {c.name!r} is {c.value:g} with a spread of {c.spread:g}, "
+        f"{c.spread / abs(c.value):.0f} times its value, and so may be 0 or have the other sign, "
+        f"but {why}. A spread is in the constant's unit: write spread={0.1 * abs(c.value):.2g} for "
+        '10 % of it, or spread=float("inf") if nobody has measured it.'
+    )
+
+
+def _unborne(system: _System, c: Constant) -> str:
+    """Why a constant cannot be 0, or as far to either side as it states; "" where it can."""
+    for port in system.ports:
+        if c.name in (port.inertia, port.friction):
+            what = "inertia" if c.name == port.inertia else "friction"
+            return f"it is the {what} of the port {port.name!r}"
+    tried = _tried(system, (20,))
+    for value in (0.0, *c.bounds):
+        for method in (system.rates, system.readings):
+            if not _gives_numbers(system, method, tried, {c.name: value}):
+                return f"{_method(system, method)} gives no number where it is {value:.3g}"
+    return ""
+
+
+def _gives_numbers(
+    system: System, method: Method, tried: Mapping[str, FloatArray], constants: Mapping[str, float]
+) -> bool:
+    try:
+        with np.errstate(all="ignore"):
+            given = _at(system, method, tried, constants)
+    except UnusableInput:  # of what the function itself raises there
+        return False
+    return all(np.all(np.isfinite(value)) for value in given.values())
 
 
 def _check_statements(system: System) -> None:
@@ -96,16 +146,6 @@ def _check_names(system: System) -> None:
             raise UnusableInput(
                 f"{system.name}: constant {c.name!r} is {c.value:g} with spread {c.spread:g} in "
                 f"[{low:g}, {high:g}]; give a finite value within its bounds, and a spread from 0."
-            )
-        if c.keeps_sign and _WIDEST * abs(c.value) < c.spread < math.inf:
-            reach = _FAR * c.spread
-            raise UnusableInput(
-                f"{system.name}: constant {c.name!r} is {c.value:g} with a spread of {c.spread:g}, "
-                f"{c.spread / abs(c.value):.0f} times its value, and without bounds it keeps its "
-                "sign. If it may be on either side of 0, as an offset, state so: "
-                f"low={c.value - reach:.2g}, high={c.value + reach:.2g}. A spread is in the "
-                f"constant's unit: 10 % of it are {0.1 * abs(c.value):.2g}. Nobody has measured "
-                'it: float("inf").'
             )
     _check_units(system)
     for name in (*system.process_noise, *system.start_spread):
@@ -180,10 +220,8 @@ def _check_sizes(system: System, port: Port) -> None:
 
 def _check_functions(system: System) -> None:
     """One point, then a batch of the same points: both have to give the same numbers."""
-    rng = np.random.default_rng(0)
     shape = (3, 5)
-    names = (*system.states, *(i.name for i in system.inputs))
-    tried = {n: rng.standard_normal(shape) * 0.5 for n in names}
+    tried = _tried(system, shape)
     tried = {n: np.where(np.arange(15).reshape(shape) == 0, 0.0, v) for n, v in tried.items()}
     for method in (system.rates, system.readings):
         many = _evaluated(system, method, tried, shape)
@@ -201,6 +239,13 @@ def _check_functions(system: System) -> None:
     for port in system.ports:
         if port.function is not None:
             _check_custom(system, port, state, inputs, shape)
+
+
+def _tried(system: System, shape: tuple[int, ...]) -> dict[str, FloatArray]:
+    """States and inputs at random."""
+    rng = np.random.default_rng(0)
+    names = (*system.states, *(i.name for i in system.inputs))
+    return {n: rng.standard_normal(shape) * 0.5 for n in names}
 
 
 def _check_custom(
@@ -229,14 +274,12 @@ def _check_custom(
 
 def _evaluated(
     system: System,
-    method: Callable[[Point, Point, Point], dict[str, Any]],
+    method: Method,
     tried: Mapping[str, FloatArray],
     shape: tuple[int, ...],
 ) -> dict[str, FloatArray]:
-    state = Point("state", {n: tried[n] for n in system.states})
-    inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
     with np.errstate(all="ignore"):
-        returned = method(state, inputs, system.values())
+        returned = _at(system, method, tried, {})
     result = {}
     for name, value in returned.items():
         given = _shape(value)
@@ -254,6 +297,17 @@ def _evaluated(
                 "filter tries such points, so bound what goes into it (np.maximum, np.clip)."
             )
     return result
+
+
+def _at(
+    system: System,
+    method: Method,
+    tried: Mapping[str, FloatArray],
+    constants: Mapping[str, float],
+) -> dict[str, Any]:
+    state = Point("state", {n: tried[n] for n in system.states})
+    inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
+    return method(state, inputs, system.values(constants))
 
 
 def _shape(value: Any) -> tuple[int, ...] | None:

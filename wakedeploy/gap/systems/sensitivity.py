@@ -186,10 +186,16 @@ def _limits(model: LogModel) -> list[str]:
 
 
 def _constants(model: LogModel) -> list[str]:
-    """Constants that no fit moves, and those whose sign none turns though their spread would."""
+    """Constants that no fit moves, that may turn, and that may not though their spread would."""
     constants = model.system.constants
     exact = [c.name for c in constants if c.spread == 0.0]
     notes = [f"taken as exact, for want of a spread: {', '.join(exact)}."] if exact else []
+    notes += [
+        f"constant {c.name} may be on either side of 0, from {minus(f'{c.low:.3g}')} to "
+        f"{c.high:.3g}."
+        for c in constants
+        if c.spread > 0.0 and c.low is not None and c.high is not None and c.low < 0.0 < c.high
+    ]
     return notes + [
         f"constant {c.name} keeps its sign, though its spread reaches beyond 0; state low and high "
         "if it may be on either side."
