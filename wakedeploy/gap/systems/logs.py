@@ -385,7 +385,8 @@ class LogModel:
         """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
 
         `least …` is how near to 0 an input or a known state comes, `turns …` whether it changes
-        its sign (1 or 0), `lowest …` and `highest …` how far a known state goes.
+        its sign (1 or 0), `largest …` how far from 0 an input goes, `lowest …` and `highest …` how
+        far a known state goes.
         `y …` is about an output's mean, `top …` and `bottom …` are its largest and least reading,
         `readings at top …` how often it shows that.
         """
@@ -395,6 +396,9 @@ class LogModel:
         sizes = {i.name: _usual(row) for i, row in zip(self.system.inputs, inputs, strict=True)}
         for stated, row in zip(self.system.inputs, inputs, strict=True):
             sizes |= _signs(stated.name, row, sizes[stated.name])
+        driving = np.concatenate([log.driving for log in self.logs], axis=1)
+        for stated, row in zip(self.system.inputs, driving, strict=True):
+            sizes[f"largest {stated.name}"] = float(np.abs(row).max())
         sizes |= {
             f"y {o.name}": _usual(row - np.nanmean(row))
             for o, row in zip(self.system.outputs, outputs, strict=True)

@@ -62,8 +62,7 @@ class OwnFolder(Folder):
             write_correction(correction, self.out / CORRECTION)
         system = self.log_model.system
         where = f"{system.name}.export"
-        answered = told.as_json() | {"reached": _reached(self.log_model)}
-        self.exported = attempted(where, system.export, answered, self.out)
+        self.exported = attempted(where, system.export, told.as_json(), self.out)
         return answer
 
     def plan(self) -> Planned | None:
@@ -104,13 +103,6 @@ class OwnFolder(Folder):
             [places.get(f.name, x) for f, x in zip(model.free(hypothesis), near, strict=True)]
         )
         return settled(model, fit(model, hypothesis, found.episodes, theta))[0]
-
-
-def _reached(model: LogModel) -> dict[str, list[float]]:
-    """The least and the largest value that each input has in the logs."""
-    rows = np.concatenate([log.driving for log in model.logs], axis=1)
-    names = [stated.name for stated in model.system.inputs]
-    return {n: [float(r.min()), float(r.max())] for n, r in zip(names, rows, strict=True)}
 
 
 def _with_effects_of(answer: Answer, fitted: Fit) -> Answer:

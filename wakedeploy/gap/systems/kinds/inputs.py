@@ -276,13 +276,16 @@ class Saturation(InputKind):
 
     name = "saturation"
     phrase = "a limit that cuts large values of {port}"
-    equation = "clip(u) at the largest logged |u| less cut"
+    equation = "max(min(u, limit), -limit)"
     source = "Khalil, Nonlinear Systems, 2002"
-    parameters = (Parameter("cut", _OF_INPUT, low=0.0, high=4.0, starts=(0.1, 0.5), prior=1.0),)
+    parameters = (
+        Parameter("limit", _OF_INPUT, origin="largest", low=-4.0, high=0.0, starts=(-0.1, -0.5),
+                  prior=1.0),
+    )  # fmt: skip
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """Clipped on both sides."""
-        limit = max(float(np.max(np.abs(column))) - float(p["cut"]), 0.0)
+        limit = max(float(p["limit"]), 0.0)
         return np.clip(column, -limit, limit)
 
 

@@ -18,10 +18,11 @@ Parameters = Mapping[str, Any]  # by name, arrays that broadcast against the sta
 class Scales:
     """How large things are at a port, from the log: sizes, units, and the time between samples.
 
-    `sizes` and `units` are by what a parameter is made of: "input", "output" (about its mean),
-    "top" and "bottom" (its largest and least reading), "constant", "force", "speed", "position",
-    "height", "other", "time", "span" (of an uninterrupted log). "lowest" and "highest" are the
-    ends of the way that the position goes, "range" is its length.
+    `sizes` and `units` are by what a parameter is made of: "input" ("largest" is how far from 0 it
+    goes), "output" (about its mean), "top" and "bottom" (its largest and least reading),
+    "constant", "force", "speed", "position", "height", "other", "time", "span" (of an uninterrupted
+    log). "lowest" and "highest" are the ends of the way that the position goes, "range" is its
+    length.
     """
 
     sizes: Mapping[str, float]

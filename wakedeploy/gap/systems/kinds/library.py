@@ -162,6 +162,7 @@ def _scales(
     units = {"time": "s", "span": "s"}
     if port.role == "input":
         there["input"] = sizes[port.name]
+        there["largest"] = sizes.get(f"largest {port.name}", sizes[port.name])
         units["input"] = next(i.unit for i in system.inputs if i.name == port.name)
     elif port.role == "output":
         there["output"] = sizes[f"y {port.name}"]

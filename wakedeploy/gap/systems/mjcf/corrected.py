@@ -38,8 +38,7 @@ def write_corrected(
     """Write both files into a folder; returns sentences about what is written and what is not.
 
     `constants` are those that the system states, by name. `answer` is what `name.json` has: a
-    verdict, effects and constants with `value`, `low`, `high` and `unit`; beside it, `reached` may
-    have the least and the largest command of the logs, by the input's name.
+    verdict, effects and constants with `value`, `low`, `high` and `unit`.
     """
     if answer["verdict"] in ("none", "unknown"):
         return [_left_alone(elements, answer, out)]
@@ -53,7 +52,7 @@ def write_corrected(
 
 def fitted(elements: Elements, constants: Mapping[str, Constant], answer: Told) -> Fitted:
     """Every number of the file that was fitted, stated otherwise or found."""
-    written = Fitted(elements, reached=answer.get("reached", {}))
+    written = Fitted(elements)
     add_constants(written, constants, answer["constants"])
     for effect in answer["effects"]:
         add_effect(written, Found(effect["name"], effect["parameters"]))

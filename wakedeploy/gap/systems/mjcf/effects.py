@@ -265,29 +265,18 @@ def _gain_of(written: Fitted, actuator: Actuator) -> Range:
 
 
 def _saturation(written: Fitted, actuator: Actuator, effect: Found) -> str:
-    """A limit to the command, whatever the force that follows from it: a range of commands.
-
-    What is cut counts from the largest command of the logs, as it is after the effects before it.
-    """
-    cut, reached = effect.parameters["cut"], written.reached.get(actuator.command)
-    if reached is None:
-        return (
-            f"{effect.name} is a ctrlrange of actuator {actuator.name!r}, up to the largest command"
-            f" of the logs less {float(cut['value']):.3g} {cut['unit']}; set it by hand, as "
-            f"{CORRECTED} is without it."
-        )
+    """A limit to the command, as it is after the effects before it: a range of commands."""
+    limit = effect.parameters["limit"]
     if ("actuator", actuator.name, "lag") in written.ranges:
         return _without(effect, "it cuts what a lag has passed, and MuJoCo what is commanded")
-    factor, added = (r.nominal for r in written.commands.get(actuator.name) or _as_given(actuator))
-    largest = max(abs(factor * float(end) + added) for end in reached)
-    if not largest > float(cut["value"]):
+    if not float(limit["value"]) > 0.0:
         return _without(effect, "it cuts all of the command")
-    places = (("ctrlrange[0]", -1.0), ("ctrlrange[1]", 1.0))
+    factor, added = (r.nominal for r in written.commands.get(actuator.name) or _as_given(actuator))
     low, high = (
-        as_is("actuator", actuator.name, attribute, way * largest, cut["unit"])
-        .plus(cut, -way)
+        as_is("actuator", actuator.name, attribute, 0.0, limit["unit"])
+        .plus(limit, way)
         .moved(added, factor)
-        for attribute, way in places
+        for attribute, way in (("ctrlrange[0]", -1.0), ("ctrlrange[1]", 1.0))
     )
     written.cut[actuator.name] = low, high
     return f"{effect.name} is the ctrlrange of actuator {actuator.name!r} in {CORRECTED}."

@@ -6,7 +6,7 @@ stated value where the logs do not rule that out.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -108,7 +108,6 @@ class Fitted:
     said: list[str] = field(default_factory=list)
     commands: dict[str, tuple[Range, Range]] = field(default_factory=dict)  # factor and sum of each
     cut: dict[str, tuple[Range, Range]] = field(default_factory=dict)  # lower and upper limit
-    reached: Mapping[str, Sequence[float]] = field(default_factory=dict)  # by commands in the logs
 
     def value(self, element: str, name: str, attribute: str, otherwise: float) -> float:
         """A number as it will be written, `otherwise` where it stays."""

@@ -1,0 +1,161 @@
+"""What happens within a sample, and before the first: against exact solutions of a linear cart."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.fits import neutral
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import verdict_of
+from wakedeploy.gap.systems.logs import LogModel
+
+RATE, FINE = 20.0, 200  # a log as coarse as many robots', and parts of a sample here
+MASS_KG, DAMPING, GAIN_N = 2.0, 8.0, 42.0
+
+
+class Cart(System):
+    rate_hz = RATE
+    inputs: ClassVar = [Input("command", "1")]
+    states: ClassVar = {"x_m": "m", "v_mps": "m/s"}
+    outputs: ClassVar = [Output("x_m", "m", noise=5e-4)]
+    constants: ClassVar = [
+        Constant("mass_kg", MASS_KG, spread=0.1),
+        Constant("damping", DAMPING, spread=2.0, unit="N/(m/s)"),
+        Constant("gain_n", GAIN_N, spread=4.0),
+    ]
+    ports: ClassVar = [
+        Port.input("command", kinds=["dead-time", "lag", "saturation"]),
+        Port.force("v_mps", inertia="mass_kg", position="x_m", kinds=["coulomb-friction"]),
+        Port.output("x_m", kinds=["sensor-dead-time", "sensor-lag"]),
+    ]
+
+    def derivative(self, state, inputs, c):
+        force = c.gain_n * inputs.command - c.damping * state.v_mps
+        return {"x_m": state.v_mps, "v_mps": force / c.mass_kg}
+
+
+class Driven(Cart):
+    """The cart behind an actuator that lags; no output shows its force."""
+
+    states: ClassVar = {**Cart.states, "force_n": "N"}
+    constants: ClassVar = [*Cart.constants, Constant("tau_s", 0.1, spread=0.02)]
+    ports: ClassVar = [Port.input("command")]
+
+    def derivative(self, state, inputs, c):
+        return {
+            "x_m": state.v_mps,
+            "v_mps": (state.force_n - c.damping * state.v_mps) / c.mass_kg,
+            "force_n": (c.gain_n * inputs.command - state.force_n) / c.tau_s,
+        }
+
+
+def _held(seed: int, samples: int) -> np.ndarray:
+    """Commands that are held for a while, from 0 on."""
+    rng = np.random.default_rng(seed)
+    held = np.repeat(rng.uniform(-1.0, 1.0, samples // 12 + 1), 12)[:samples]
+    held[:12] = 0.0
+    return held
+
+
+def _moved(command: np.ndarray, delay_s: float, tau_s: float = 0.0) -> np.ndarray:
+    """Positions (n,) and forces (n,) at the samples: exact for commands that change as `FINE` has.
+
+    The command acts `delay_s` after the sample that gives it, behind an actuator of `tau_s`.
+    """
+    a = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, -DAMPING / MASS_KG, 1.0 / MASS_KG, 0.0],
+                  [0.0, 0.0, -1.0 / max(tau_s, 1e-6), GAIN_N / max(tau_s, 1e-6)],
+                  [0.0, 0.0, 0.0, 0.0]])  # fmt: skip
+    step = expm(a / RATE / FINE)
+    late = round(delay_s * RATE * FINE)
+    acting = np.concatenate([np.zeros(late), np.repeat(command, FINE)])
+    state, shown = np.zeros(4), np.empty((2, len(command)))
+    for k in range(len(command) * FINE):
+        if k % FINE == 0:
+            shown[:, k // FINE] = state[[0, 2]]
+        state[3] = acting[k]
+        state = step @ state
+    return shown
+
+
+def _log(seed: int, samples: int, delay_s: float, noise_m: float = 5e-4) -> Recording:
+    command = _held(seed, samples)
+    x = _moved(command, delay_s)[0] + noise_m * np.random.default_rng(seed).standard_normal(samples)
+    return Recording(f"run {seed}", np.arange(samples) / RATE, {"command": command, "x_m": x})
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.0125, 0.025, 0.03, 0.07])
+def test_a_command_that_arrives_within_a_sample_acts_from_there_on(delay_s):
+    """Its mean over the sample brings the right speed, and places that are off by millimetres."""
+    log = _log(1, 200, delay_s, noise_m=0.0)
+    model = LogModel(Cart(), [log])
+    model.filter._states[:, 0] = 0.0  # as it began: a first guess of a speed is none of this
+    hypothesis = ("dead-time@command",)
+    free = model.free(hypothesis)
+    theta = neutral(free)
+    theta[[f.name for f in free].index("dead-time@command.delay_s")] = delay_s
+    values = model.values(hypothesis, theta)
+    _, shown = model.filter.free_run(
+        model.acting(hypothesis), {n: np.array([v]) for n, v in values.items()}
+    )
+    assert np.abs(shown[0] - log.columns["x_m"]).max() < 2e-4  # by the mean it is 3.5 mm
+    assert np.ptp(log.columns["x_m"]) > 1.0
+
+
+def test_a_delay_of_a_coarse_log_is_named_where_it_is():
+    """The sensor's delay was named instead, with hundreds of nats more."""
+    model = LogModel(Cart(), [_log(seed, 400, 0.07) for seed in (1, 2)])
+    naming = named(model, fitted_base(model))
+    assert verdict_of(naming) == "named"
+    found = naming.found
+    assert found.hypothesis == ("dead-time@command",)
+    late = found.value("dead-time@command.delay_s") + found.value("clock.command")
+    assert late == pytest.approx(0.07, abs=0.003)
+
+
+def test_a_state_that_nothing_shows_goes_along_as_the_model_has_it():
+    """From where the first command, held, had brought it: at 0 again it would look like a lag."""
+    command = _held(3, 300)
+    command[:12] = 0.6
+    before = np.full(100, 0.6)
+    x, force = _moved(np.concatenate([before, command]), 0.0, tau_s=0.1)[:, 100:]
+    log = Recording("run", np.arange(300) / RATE, {"command": command, "x_m": x})
+    model = LogModel(Driven(), [log])
+    assert model.hidden == ("force_n",)
+    assert model._starts[0].states[2] == pytest.approx(force, abs=1e-6)
+    assert model.sizes["force_n"] == pytest.approx(np.quantile(np.abs(force), 0.98))
+
+
+def test_a_beginning_that_is_stated_as_a_number_is_one_of_the_first_sample():
+    class Begun(Driven):
+        def start(self, measured):
+            return {"force_n": 5.0}
+
+    log = Recording("run", np.arange(100) / RATE, {"command": np.zeros(100), "x_m": _wave(100)})
+    guessed = LogModel(Begun(), [log])._starts[0].states[2]
+    assert guessed == pytest.approx(5.0 * np.exp(-np.arange(100) / RATE / 0.1))
+
+
+def _wave(samples: int) -> np.ndarray:
+    return np.sin(np.arange(samples) / 7.0)
+
+
+def test_a_limit_to_a_command_is_the_same_in_every_log():
+    small, large = _log(1, 200, 0.0), _log(2, 200, 0.0)
+    weak = Recording(
+        "weak", small.time_s, {**small.columns, "command": 0.5 * large.columns["command"]}
+    )
+    model = LogModel(Cart(), [large, weak])
+    name = "saturation@command"
+    (limit,) = model.effects[name]
+    largest = np.abs(large.columns["command"]).max()
+    assert (limit.neutral, limit.high) == pytest.approx((largest, largest))
+    acting = model.acting((name,))
+    cut = [
+        acting.column("command", log.driving[0], {f"{name}.limit": 0.3})[0] for log in model.logs
+    ]
+    for row, log in zip(cut, (large, weak), strict=True):
+        assert row == pytest.approx(np.clip(log.columns["command"], -0.3, 0.3))
