@@ -116,12 +116,20 @@ def _swung(begins: float) -> Recording:
     return Recording("made", time_s, columns)
 
 
-def test_a_state_that_begins_at_0_and_does_not_rest_there_is_told() -> None:
-    assert "state opening: no output shows it" in _notes(0.4)
-    assert "no output shows it" not in _notes(0.0)  # it rests at 0
-    assert "no output shows it" not in _notes(0.4, start_spread={"opening": 0.5})
+class Integrating(Valve):
+    """The same with a valve that a motor turns as long as it has a command."""
+
+    def derivative(self, state, inputs, c):
+        return {**Valve.derivative(self, state, inputs, c), "opening": inputs.command_pct}
+
+
+def test_a_state_that_nobody_tells_and_that_does_not_rest_is_told() -> None:
+    assert "state opening: no output shows it" in _notes(0.4, derivative=Integrating.derivative)
+    assert "no output shows it" not in _notes(0.4)  # it begins where the command holds it
+    spread = {"start_spread": {"opening": 0.5}}
+    assert "no output shows it" not in _notes(0.4, derivative=Integrating.derivative, **spread)
     given = {"start": lambda system, measured: {"opening": measured.flow}}
-    assert "no output shows it" not in _notes(0.4, **given)
+    assert "no output shows it" not in _notes(0.4, derivative=Integrating.derivative, **given)
 
 
 def test_an_input_far_beyond_its_limits_is_told_and_a_little_beyond_is_not() -> None:

@@ -175,15 +175,26 @@ def _found(
     if part is not model:
         progress("fitting what was found to all samples")
         outcome = _on_all(model, base, outcome)
-    sized = with_sizes(model, outcome)
-    outcome = borne_out(model, sized)
-    withdrawn = sized.found.hypothesis
+    outcome, withdrawn = _stays(model, outcome)
     if outcome.found.hypothesis or not withdrawn or start.withdrawn:
         return outcome
     rounds, alone = copy.deepcopy(outcome.rounds), outcome.alone
     start = replace(start, rounds=rounds, alone=alone, withdrawn=withdrawn)
     again = _found(model, base, start, progress, {})
     return again if again.found.hypothesis else outcome
+
+
+def _stays(model: Comparison, outcome: Named) -> tuple[Named, tuple[str, ...]]:
+    """What has a size and is borne out, and what had a size at first.
+
+    Without what sealed episodes do not bear out the size of another may be nothing, and so on.
+    """
+    sized = with_sizes(model, outcome)
+    borne, named_at_first = borne_out(model, sized), sized.found.hypothesis
+    while borne.found.hypothesis != sized.found.hypothesis:
+        sized = with_sizes(model, borne)
+        borne = borne_out(model, sized)
+    return borne, named_at_first
 
 
 def _on_all(model: Comparison, base: Fit, outcome: Named) -> Named:

@@ -35,13 +35,15 @@ class Verdict:
 
 
 def rivals_with(best: Candidate, other: Candidate) -> bool:
-    """Whether blocks do not agree that the best gains more than another."""
-    apart = best.gains - other.gains
-    count = len(apart)
-    if count < 2:
-        return float(apart.sum()) < RULES.class_nats
-    reach = float(student_t.ppf(_SURE, count - 1)) * float(apart.std(ddof=1)) * count**0.5
-    return bool(float(apart.sum()) - reach < RULES.class_nats)
+    """Whether blocks do not agree that the best gains more than another.
+
+    What the stated spreads say of the constants that each needs counts as well, and is sure.
+    """
+    apart, count = best.gains - other.gains, len(best.gains)
+    reach = 0.0
+    if count > 1:
+        reach = float(student_t.ppf(_SURE, count - 1)) * float(apart.std(ddof=1)) * count**0.5
+    return bool(best.gain_nats - other.gain_nats - reach < RULES.class_nats)
 
 
 def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:

@@ -9,6 +9,7 @@ with it.
 """
 
 import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -44,6 +45,7 @@ from wakedeploy.gap.search.rivalry import (
 )
 from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
+from wakedeploy.gap.search.twins import Twins, twins
 from wakedeploy.gap.search.weighing import Weight, crossed, share_of_gap, weight_of
 
 _TRIED = 6  # candidates of a round whose forecasts are looked at
@@ -58,6 +60,9 @@ def with_one_more(
     if not outcome.alone:
         outcome = replace(outcome, alone=tuple(v.candidate for v in verdicts))
     leader = next((v for v in verdicts if v.why == ACCEPTED), None)
+    further = _twins(model, outcome, verdicts, progress)
+    if further is not None:
+        return further
     if leader is not None:  # what is simpler comes first, and the leader where that is turned down
         plainer = _plainer(model, found, leader)
         further = _with(model, outcome, _best(model, plainer, verdicts))
@@ -234,18 +239,66 @@ def _is_something(effect: Candidate, chance: float) -> bool:
     )
 
 
+def _twins(
+    model: Comparison, outcome: Named, verdicts: Sequence[Verdict], progress: Progress
+) -> Named | None:
+    """One kind at ports alike, where it gains most and is turned down alone.
+
+    Where another kind at the same ports is not told from it, the ports are asked one by one.
+    """
+    found, searched = outcome.found, outcome.rounds[-1]
+    ahead = list(itertools.takewhile(lambda v: v.why != ACCEPTED, verdicts[:_TRIED]))
+    ahead = [v for v in ahead if v.why in (HARDLY, WORSE, ONE_BLOCK)]
+    fitted = twins(model, found, ahead, RULES.most_effects)
+    if not fitted:
+        return None
+    best, *others = fitted
+    verdict = _judged(
+        model, crossed(model, outcome.base), crossed(model, found), best.candidate,
+        searched["threshold_nats"],
+    )  # fmt: skip
+    if verdict.why != ACCEPTED or verdict.weight is None:
+        return None
+    if any(rivals_with(best.candidate, other.candidate) for other in others):
+        return _one_by_one(model, outcome, best, verdicts, progress)
+    better = best.candidate.fit
+    searched["chosen"], searched["class"] = best.names[0], [best.names[0]]
+    searched["accepted"] = parameters(better, best.names, least_squares(model, better))
+    searched["sealed_error"] = errors(model, better, model.sealed())
+    for name in best.names:
+        mark(searched, name, ACCEPTED)
+    weights = {**outcome.weights, **dict.fromkeys(best.names, verdict.weight)}
+    return replace(outcome, found=better, weights=weights)
+
+
+def _one_by_one(
+    model: Comparison, outcome: Named, both: Twins, verdicts: Sequence[Verdict], progress: Progress
+) -> Named | None:
+    """The first of twins and another of them beside it, each with its rivals."""
+    rounds = len(outcome.rounds)
+    pair = _pair(model, outcome, both.first, verdicts, progress, both.names)
+    if pair is None:
+        del outcome.rounds[rounds:]
+    return pair
+
+
 def _pair(
     model: Comparison,
     outcome: Named,
     first: Verdict,
     beside_it: Sequence[Verdict],
     progress: Progress,
+    among: Sequence[str] | None = None,
 ) -> Named | None:
-    """An evident effect that changes no forecast alone, and one that does beside it."""
+    """An evident effect that changes no forecast alone, and one that does beside it.
+
+    The latter is one of those `among` which it is sought, if that is given.
+    """
     beside, still = settled(model, first.candidate.fit)
     verdicts = _judged_round(model, outcome, beside, progress)
     for verdict in verdicts:
-        if verdict.why not in (ACCEPTED, HARDLY):
+        sought = among is None or verdict.candidate.name in among
+        if not sought or verdict.why not in (ACCEPTED, HARDLY):
             continue
         before, after = (crossed(model, f) for f in (outcome.found, verdict.candidate.fit))
         both = weight_of(before, after)
