@@ -92,6 +92,7 @@ def test_a_simpler_kind_that_is_turned_down_takes_no_candidate_with_it(
     finer, simple = (_verdict(n, ACCEPTED, [2.0, 3.0], 1.0) for n in ("stribeck", "coulomb"))
     fakes = {
         "_judged_round": lambda *_: [finer],
+        "_twins": lambda *_: None,
         "_plainer": lambda *_: simple,
         "_best": lambda model, leader, verdicts: [leader],
         "_with": lambda model, outcome, best: (

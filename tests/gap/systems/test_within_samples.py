@@ -159,3 +159,49 @@ def test_a_limit_to_a_command_is_the_same_in_every_log():
     ]
     for row, log in zip(cut, (large, weak), strict=True):
         assert row == pytest.approx(np.clip(log.columns["command"], -0.3, 0.3))
+
+
+class Car(System):
+    """Its rate gyro shows at once what the steering does."""
+
+    rate_hz = 50.0
+    inputs: ClassVar = [Input("steer_rad", "rad"), Input("throttle", "1")]
+    states: ClassVar = {"speed_mps": "m/s"}
+    outputs: ClassVar = [
+        Output("speed_mps", "m/s", noise=0.01),
+        Output("gyro_radps", "rad/s", noise=0.01),
+    ]
+    constants: ClassVar = [Constant("tau_s", 0.45, spread=0.05)]
+    ports: ClassVar = [Port.input("steer_rad"), Port.output("gyro_radps")]
+
+    def derivative(self, state, inputs, c):
+        return {"speed_mps": (4.0 * inputs.throttle - state.speed_mps) / c.tau_s}
+
+    def measure(self, state, inputs, c):
+        return {"gyro_radps": state.speed_mps / 0.32 * np.tan(inputs.steer_rad)}
+
+
+def _gyro(effect: str, time: str, late_s: float) -> np.ndarray:
+    """What the gyro of a car that is steered at once after 1 s shows, as a share of its step."""
+    at_s = np.arange(100) / 50.0
+    steer = np.where(at_s < 0.99, 0.0, 0.3)
+    columns = {"steer_rad": steer, "throttle": np.full(100, 0.4), "speed_mps": np.full(100, 1.6)}
+    columns["gyro_radps"] = 5.0 * np.tan(steer)
+    model = LogModel(Car(), [Recording("turn", at_s, columns)])
+    values = model.values((effect,), neutral(model.free((effect,)))) | {f"{effect}.{time}": late_s}
+    _, shown = model.filter.free_run(
+        model.acting((effect,)), {n: np.array([v]) for n, v in values.items()}
+    )
+    return shown[1] / (5.0 * np.tan(0.3))
+
+
+@pytest.mark.parametrize(("kind", "time"), [("lag", "tau_s"), ("dead-time", "delay_s")])
+def test_a_sensor_that_is_late_by_nothing_shows_what_an_input_does_at_once(kind, time):
+    """It was late by a whole sample, or answered the other way first, however short its time."""
+    effect = f"sensor-{kind}@gyro_radps"
+    step = np.where(np.arange(100) < 50, 0.0, 1.0)
+    assert _gyro(effect, time, 1e-6) == pytest.approx(step, abs=1e-3)
+    late = _gyro(effect, time, 0.01)
+    assert late[50] == pytest.approx(0.5 if kind == "dead-time" else 1 - 0.5 * (1 - np.exp(-2.0)))
+    assert late[:50] == pytest.approx(0.0, abs=1e-9)
+    assert np.all(np.diff(late) >= -1e-9)

@@ -72,10 +72,10 @@ def evident_yet_unnamed(outcome: Named) -> list[dict[str, float]]:
 def left_of(outcome: Named, found: Fit) -> Named:
     """What was named, as far as a fit still has it."""
     kept = {n: w for n, w in outcome.weights.items() if n in found.hypothesis}
-    return replace(outcome, found=found, rivals=_still_open(found, outcome.rivals), weights=kept)
+    return replace(outcome, found=found, rivals=still_open(found, outcome.rivals), weights=kept)
 
 
-def _still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
+def still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
     """A class without its members' elaborations; () where more than one of it was found."""
     if sum(n in found.hypothesis for n in rivals) != 1:
         return ()

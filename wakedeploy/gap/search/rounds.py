@@ -9,7 +9,6 @@ with it.
 """
 
 import functools
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -34,6 +33,7 @@ from wakedeploy.gap.search.outcome import (
     WORSE,
     Named,
     mark,
+    still_open,
 )
 from wakedeploy.gap.search.rivalry import (
     Verdict,
@@ -223,7 +223,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
         searched["class"] = list(members)
         searched["accepted"] = parameters(better, (effect.name,), least_squares(model, better))
         searched["sealed_error"] = errors(model, better, model.sealed())
-        rivals = members if len(members) > 1 else outcome.rivals
+        rivals = still_open(better, members if len(members) > 1 else outcome.rivals)
         unsettled = outcome.unsettled if still else (*outcome.unsettled, effect.name)
         weights = {**outcome.weights, effect.name: weight}
         return replace(outcome, found=better, rivals=rivals, weights=weights, unsettled=unsettled)
@@ -242,21 +242,18 @@ def _is_something(effect: Candidate, chance: float) -> bool:
 def _twins(
     model: Comparison, outcome: Named, verdicts: Sequence[Verdict], progress: Progress
 ) -> Named | None:
-    """One kind at ports alike, where it gains most and is turned down alone.
+    """One kind at ports alike, if it gains at each of them.
 
     Where another kind at the same ports is not told from it, the ports are asked one by one.
     """
     found, searched = outcome.found, outcome.rounds[-1]
-    ahead = list(itertools.takewhile(lambda v: v.why != ACCEPTED, verdicts[:_TRIED]))
-    ahead = [v for v in ahead if v.why in (HARDLY, WORSE, ONE_BLOCK)]
-    fitted = twins(model, found, ahead, RULES.most_effects)
+    chance = searched["threshold_nats"]
+    fitted = twins(model, found, verdicts, chance, RULES.most_effects)
     if not fitted:
         return None
     best, *others = fitted
-    verdict = _judged(
-        model, crossed(model, outcome.base), crossed(model, found), best.candidate,
-        searched["threshold_nats"],
-    )  # fmt: skip
+    begun, before = crossed(model, outcome.base), crossed(model, found)
+    verdict = _judged(model, begun, before, best.candidate, chance)
     if verdict.why != ACCEPTED or verdict.weight is None:
         return None
     if any(rivals_with(best.candidate, other.candidate) for other in others):
@@ -274,7 +271,12 @@ def _twins(
 def _one_by_one(
     model: Comparison, outcome: Named, both: Twins, verdicts: Sequence[Verdict], progress: Progress
 ) -> Named | None:
-    """The first of twins and another of them beside it, each with its rivals."""
+    """The first of twins and another of them beside it, each with its rivals.
+
+    None where the first is named alone: the others follow it.
+    """
+    if both.first.why == ACCEPTED:
+        return None
     rounds = len(outcome.rounds)
     pair = _pair(model, outcome, both.first, verdicts, progress, both.names)
     if pair is None:

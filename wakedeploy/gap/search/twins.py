@@ -19,6 +19,7 @@ from wakedeploy.gap.search.rivalry import Verdict, is_nothing, rivals_with
 from wakedeploy.gap.search.scan import elaborates
 
 _MOST = 3  # kinds that are fitted
+_NEARLY = 0.5  # share of what a kind gains at one port, that it has to gain at the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,17 +32,22 @@ class Twins:
 
 
 def twins(
-    model: Comparison, found: Fit, verdicts: Sequence[Verdict], most_effects: int
+    model: Comparison, found: Fit, verdicts: Sequence[Verdict], least_nats: float, most_effects: int
 ) -> list[Twins]:
     """Kinds of the verdicts at all ports alike, the one that gains most first, or what is simpler.
 
-    None whose sizes may be nothing at one of the ports, or that would be more than `most_effects`
-    with those that were found.
+    Only those that gain `least_nats` at each port alone, and nearly as much as at the other ports.
+    None whose sizes may be nothing at one of them, or that would be more than `most_effects` with
+    those that were found.
     """
     fitted: list[Twins] = []
+    gains = {v.candidate.name: v.candidate.gain_nats for v in verdicts}
     for verdict in verdicts:
         alike = _at_ports_alike(model, found, verdict.candidate.name)
         names = (verdict.candidate.name, *alike)
+        least = max(least_nats, _NEARLY * verdict.candidate.gain_nats)
+        if any(gains.get(name, 0.0) < least for name in names):
+            continue
         is_known = any(set(names) == set(each.names) for each in fitted)
         too_many = len(found.hypothesis) + len(names) > most_effects
         if not alike or is_known or too_many or len(fitted) == _MOST:

@@ -58,6 +58,8 @@ class Acting:
         self.dry = [self.states.index(name) for name in ports]  # speeds that it acts on
         self._constants = {c.name: c.value for c in system.constants}
         self._outputs = [o.name for o in system.outputs]
+        late = {e.port.name for e in self._of["output"] if e.own_states}
+        self.is_late = bool(late and late & system.direct_outputs())
 
     def column(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
         """What of an input (n,) in every step reaches the system, under scalar values, (2, n).
@@ -217,26 +219,44 @@ class Acting:
         values: Arrays,
         time_s: FloatArray,
         measured: tuple[FloatArray, FloatArray] | None = None,
+        before: Arrays | None = None,
     ) -> FloatArray:
-        """What the sensors show (m, …); near what is `measured`, with its sd, (m, L) each."""
+        """What the sensors show (m, …); near what is `measured`, with its sd, (m, L) each.
+
+        `before` are the inputs of the step before, where `is_late`: a sensor that lags has not seen
+        what an output jumps by as its input does.
+        """
         named = dict(zip(self.states, x, strict=True))
-        state = Point("state", {n: named[n] for n in self.system.states})
-        inputs = self._arriving(inputs, named, values, time_s, {})
-        readings = self.system.readings(state, Point("input", inputs), c)
+        readings = self._plain(inputs, named, c, values, time_s)
+        seen = self._plain(before, named, c, values, time_s) if before else dict(readings)
         for effect in self._of["output"]:
             kind, name = effect.kind, effect.port.name
             assert isinstance(kind, OutputKind)
-            own_states = tuple(named[n] for n in effect.own_states)
-            p = effect.parameters(values)
+            given = (tuple(named[n] for n in effect.own_states), time_s, effect.parameters(values))
+            if effect.own_states and before:
+                jump = kind.at_once(given[2], self.system.step_s) * (readings[name] - seen[name])
+                seen[name] = kind.reading(seen[name], *given)
+                readings[name] = seen[name] + jump
+                continue
+            if before:
+                seen[name] = kind.reading(seen[name], *given)
             if measured is None:
-                readings[name] = kind.reading(readings[name], own_states, time_s, p)
+                readings[name] = kind.reading(readings[name], *given)
                 continue
             logged, sd = (row[self._outputs.index(name)] for row in measured)
-            readings[name] = kind.reading_near(readings[name], own_states, time_s, p, logged, sd)
+            readings[name] = kind.reading_near(readings[name], *given, logged, sd)
         result = np.empty((len(readings), *x.shape[1:]))
         for i, value in enumerate(readings.values()):
             result[i] = value
         return result
+
+    def _plain(
+        self, inputs: Arrays, named: Arrays, c: Point, values: Arrays, time_s: FloatArray
+    ) -> dict[str, Any]:
+        """Readings before any effect of a sensor."""
+        state = Point("state", {n: named[n] for n in self.system.states})
+        inputs = self._arriving(inputs, named, values, time_s, {})
+        return self.system.readings(state, Point("input", inputs), c)
 
     def _arriving(
         self,

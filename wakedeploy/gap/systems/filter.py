@@ -43,11 +43,13 @@ class Start:
 class Driving:
     """Inputs of lanes in a step, (1, L) by name: their `mean`, and what of them comes `early`.
 
-    The latter is empty where no input changes within any step.
+    The latter is empty where no input changes within any step. `before` are means in the step
+    before, where sensors do not follow at once.
     """
 
     mean: Mapping[str, FloatArray]
     early: Mapping[str, FloatArray]
+    before: Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,15 +135,21 @@ class _Stepping:
 class _Inputs:
     """Columns (K, 2, N · steps) of every input by name: means, and what comes early in a step."""
 
-    def __init__(self, columns: Mapping[str, FloatArray]) -> None:
-        self._columns = columns
+    def __init__(self, columns: Mapping[str, FloatArray], begins: IntArray | None) -> None:
+        """`begins` are the logs' first steps, where the step before counts."""
+        self._columns, self._begins = columns, begins
         self._is_bent = any(rows[:, 1].any() for rows in columns.values())
 
     def at(self, sets: Any, step: IntArray) -> Driving:
         """In steps of parameter sets, an index of each: (1, L)."""
-        parts = [{n: rows[sets, i, step].reshape(1, -1) for n, rows in self._columns.items()}
-                 for i in range(1 + self._is_bent)]  # fmt: skip
-        return Driving(parts[0], parts[1] if self._is_bent else {})
+        early = self._part(1, sets, step) if self._is_bent else {}
+        before: Mapping[str, FloatArray] = {}
+        if self._begins is not None:
+            before = self._part(0, sets, step - 1 + np.isin(step, self._begins))
+        return Driving(self._part(0, sets, step), early, before)
+
+    def _part(self, part: int, sets: Any, step: IntArray) -> dict[str, FloatArray]:
+        return {n: rows[sets, part, step].reshape(1, -1) for n, rows in self._columns.items()}
 
 
 class Filter:
@@ -207,7 +215,8 @@ class Filter:
             if not timeless:
                 c = acting.constants(spread, time_s)
             around = _around(x, aside, points)
-            shown = acting.readings(around, u.mean, c, spread, time_s, (measured[t], sensor_sd))
+            shown = acting.readings(around, u.mean, c, spread, time_s, (measured[t], sensor_sd),
+                                    u.before)  # fmt: skip
             corrected(x, p, shown, aside, measured[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
                       statistics[t])  # fmt: skip
             states[t] = x
@@ -273,7 +282,7 @@ class Filter:
             c = acting.constants(spread, time_s)
             here = sample + self._offset[run.pieces.log[s0]]
             u = inputs.at(set_of, steps * here)
-            shown = acting.readings(x[:, None, :], u.mean, c, spread, time_s)[:, 0]
+            shown = acting.readings(x[:, None, :], u.mean, c, spread, time_s, None, u.before)[:, 0]
             error = self._outputs[:, here] - shown
             for block in range(len(episodes)):
                 of_block = inside & (owner == block)
@@ -298,8 +307,8 @@ class Filter:
             for j in range(steps):
                 u = inputs.at(0, np.array([steps * t + j]))
                 if not j:
-                    around = x[:, None, :]
-                    shown.append(acting.readings(around, u.mean, c, spread, time_s)[:, 0, 0])
+                    given = (x[:, None, :], u.mean, c, spread, time_s, None, u.before)
+                    shown.append(acting.readings(*given)[:, 0, 0])
                 stepping.on(x, p, u, c, spread, time_s)
         return np.array(states).T, np.array(shown).T
 
@@ -367,7 +376,7 @@ class Filter:
             u, given = inputs.at(0, here), (acting.constants(spread, time_s), spread, time_s)
             for _ in range(finer):
                 stepping.on(x, p, u, *given, step_s=step_s / finer)
-        return acting.readings(x[:, None, :], u.mean, *given)[:, 0]
+        return acting.readings(x[:, None, :], u.mean, *given, None, u.before)[:, 0]
 
     def _passed_over(self, measured: FloatArray, pieces: Pieces) -> npt.NDArray[np.bool_]:
         """Which readings (T, m, S) are not looked at: all but a channel's first of each part.
@@ -403,7 +412,7 @@ class Filter:
             shape = (count, 2, self._driving.shape[1])
             alike = len(known) == 1  # as nearly always: then one row is enough for all
             columns[stated.name] = np.broadcast_to(rows[0], shape) if alike else np.array(rows)
-        return _Inputs(columns)
+        return _Inputs(columns, ends[:-1] if acting.is_late else None)
 
     def _unsettled(
         self, acting: Acting, values: Mapping[str, FloatArray], pieces: Pieces

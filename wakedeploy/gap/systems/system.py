@@ -327,13 +327,27 @@ class System:
             name for name in tried if not np.array_equal(self._probed(name)[1][state], rates[state])
         }
 
+    def direct_outputs(self) -> set[str]:
+        """The outputs that an input changes at once, as a rate gyro of a car that is steered."""
+        found = set[str]()
+        for stated in self.inputs:
+            shown = [self._shown(self._probed(moved)[0]) for moved in ("", stated.name)]
+            found |= {n for n, v in shown[0].items() if not np.array_equal(v, shown[1][n])}
+        return found
+
+    def _shown(self, tried: Mapping[str, FloatArray]) -> dict[str, Any]:
+        """What the sensors would show at states and inputs."""
+        state = Point("state", {n: tried[n] for n in self.states})
+        inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
+        return self.readings(state, inputs, self.values())
+
     def probed(self) -> dict[str, FloatArray]:
         """What the functions give at some points: a fingerprint of what they compute."""
         tried, found = self._probed()
         state = Point("state", {n: tried[n] for n in self.states})
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         each: list[tuple[str, Mapping[str, Any]]]
-        each = [("measure", self.readings(state, inputs, self.values()))]
+        each = [("measure", self._shown(tried))]
         each += [
             (p.name, self.added(p, p.increments, 0.0, state, inputs, 1.0))
             for p in self.ports

@@ -28,6 +28,14 @@ class OutputKind(Kind):
         """Derivatives of the kind's own states."""
         return ()
 
+    def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
+        """Of a kind with own states: the share that a reading shows of a jump in its own step.
+
+        An output that an input changes directly jumps with it, and a reading is one of its step:
+        the share is a mean over the step, so that a kind vanishes as its time does.
+        """
+        return 1.0
+
     def reading_near(
         self,
         value: FloatArray,
@@ -186,6 +194,11 @@ class SensorLag(OutputKind):
         """Towards the value."""
         return ((value - own_states[0]) / np.maximum(p["tau_s"], _SHORTEST_S),)
 
+    def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
+        """The mean of the response over a step."""
+        steps = np.maximum(p["tau_s"], _SHORTEST_S) / step_s
+        return np.asarray(1.0 - steps * -np.expm1(-1.0 / steps))
+
 
 class SensorDeadTime(OutputKind):
     """The sensor shows what was; to first order in the delay, as Padé has it."""
@@ -215,6 +228,10 @@ class SensorDeadTime(OutputKind):
     ) -> tuple[FloatArray, ...]:
         """Towards the value, within half the delay."""
         return ((value - own_states[0]) / np.maximum(0.5 * p["delay_s"], _SHORTEST_S),)
+
+    def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
+        """The part of a step that is left once the delay is over."""
+        return np.maximum(1.0 - np.asarray(p["delay_s"]) / step_s, 0.0)
 
 
 class ConstantKind(Kind):

@@ -59,7 +59,9 @@ def imagined(
                 u = {n: rows[:, steps * t + j] for n, rows in driven.items()}
                 if not j:
                     mean = {n: parts.mean(1) for n, parts in u.items()}
-                    shown[:, :, t] = acting.readings(x, mean, c, spread, time_s)
+                    at = max(steps * t - 1, 0)
+                    before = {n: rows[:, at].mean(1) for n, rows in driven.items()}
+                    shown[:, :, t] = acting.readings(x, mean, c, spread, time_s, None, before)
                 x = _advanced(acting, x, u, (c, spread, time_s), pushes[:, t : t + 1])
     shown += noise[:, None, None] * random.standard_normal((len(noise), 1, count))
     return {o.name: shown[i] for i, o in enumerate(model.system.outputs)}
