@@ -135,8 +135,8 @@ def test_init_warns_of_joints_that_an_equality_holds(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("version = 4\n", "system"),
-        ('version = 4\nsystem = "Other"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "not 'MyRobot'"),
+        ("version = 5\n", "system"),
+        ('version = 5\nsystem = "Other"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "not 'MyRobot'"),
         ('version = 1\nsystem = "MyRobot"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "version 1; this"),
         ("version = = 1\n", "correction"),
     ],

@@ -94,6 +94,22 @@ def test_it_has_the_constants_that_nobody_has_measured_and_no_other(tmp_path: Pa
     assert replay_error(Slide(), other)["speed_mps"] > 0.5
 
 
+def test_it_has_when_an_input_acts_within_a_sample(tmp_path: Path) -> None:
+    """A log of the same recorder replays worse without that, if the system is fast."""
+    log = recorded(0)
+    late = np.repeat(log.columns["push_v"], 2)[1:-1].reshape(-1, 2).mean(1)  # half a sample later
+    log = Recording(
+        "late", log.time_s[1:], {"push_v": late, "speed_mps": log.columns["speed_mps"][1:]}
+    )
+    model = LogModel(Measured(), [log])
+    kept = correction_of(model, fit(model, ("offset@speed_mps",), range(model.episodes)))
+    clock_s = kept.document.clocks_s["push_v"]
+    assert kept.values["clock.push_v"] == clock_s
+    assert clock_s != 0.0
+    write_correction(kept, tmp_path / "correction.toml")
+    assert read_correction(tmp_path / "correction.toml", "Measured").document == kept.document
+
+
 def test_it_leaves_a_system_whose_constants_are_known_as_it_is() -> None:
     kept = fitted_alone(Measured())
     assert kept.is_empty

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.evidence.fits import Fit
     from wakedeploy.gap.systems.logs import LogModel
 
-VERSION = 4
+VERSION = 5
 _ENDS = ("lowest ", "highest ", "top ", "bottom ")
 _Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 
@@ -44,6 +44,7 @@ class Document(_Table):
     sample_s: Annotated[float, pydantic.Field(gt=0)]
     span_s: Annotated[float, pydantic.Field(gt=0)]
     constants: dict[str, _Finite] = {}
+    clocks_s: dict[str, _Finite] = {}  # by which inputs act later than their stamps
     form: dict[str, _Finite] = {}
     sizes: dict[str, _Finite]
     effect: tuple[Named, ...] = ()
@@ -76,8 +77,9 @@ class Correction:
 
     @property
     def values(self) -> dict[str, float]:
-        """Constants, the form term and the effects' parameters."""
+        """Constants, clocks, the form term and the effects' parameters."""
         values = {f"constant.{n}": v for n, v in self.document.constants.items()}
+        values |= {f"clock.{n}": v for n, v in self.document.clocks_s.items()}
         values |= {f"form.{n}": v for n, v in self.document.form.items()}
         for effect in self.document.effect:
             values |= {f"{effect.name}.{n}": v for n, v in effect.parameters.items()}
@@ -92,16 +94,18 @@ def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
     """
     values = dict(zip(fitted.names, map(float, fitted.theta), strict=True))
     constants, form = _below(values, "constant."), _below(values, "form.")
+    clocks_s = _below(values, "clock.")
     if not fitted.hypothesis:
         spreads = {c.name: c.spread for c in model.system.constants}
         constants = {n: v for n, v in constants.items() if np.isinf(spreads[n])}
-        form = {}
+        form, clocks_s = {}, {}
     document = Document(
         version=VERSION,
         system=model.system.name,
         sample_s=model.dt_s,
         span_s=model.span_s,
         constants=constants,
+        clocks_s=clocks_s,
         form=form,
         sizes=dict(model.sizes),
         effect=tuple(Named(name=n, parameters=_below(values, f"{n}.")) for n in fitted.hypothesis),
@@ -124,6 +128,7 @@ def write_correction(correction: Correction, path: Path) -> None:
         lines += ["[effect.parameters]", *_lines(effect.parameters)]
     for title, values in (
         ("constants", document.constants),
+        ("clocks_s", document.clocks_s),
         ("form", document.form),
         ("sizes", document.sizes),
     ):
