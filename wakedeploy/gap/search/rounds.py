@@ -64,7 +64,7 @@ def with_one_more(
     if further is not None:
         return further
     if leader is not None:  # what is simpler comes first, and the leader where that is turned down
-        plainer = _plainer(model, found, leader)
+        plainer = _plainer(model, found, leader, verdicts)
         further = _with(model, outcome, _best(model, plainer, verdicts))
         if further is None and plainer is not leader:
             further = _with(model, outcome, _best(model, leader, verdicts))
@@ -174,9 +174,11 @@ def _alike(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> l
     ]
 
 
-def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
+def _plainer(
+    model: Comparison, found: Fit, leader: Verdict, verdicts: Sequence[Verdict]
+) -> Verdict:
     """What is simpler than a candidate and gains as much, where forecasts get better by it."""
-    plainer = simpler(model, found, leader.candidate)
+    plainer = simpler(model, found, leader.candidate, [v.candidate for v in verdicts])
     if plainer is leader.candidate:
         return leader
     squares = crossed(model, plainer.fit)

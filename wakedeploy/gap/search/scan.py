@@ -213,17 +213,25 @@ def refines(name: str, other: str) -> bool:
     return elaborates(name, other) and name.partition("@")[0] in _FINER_FRICTION
 
 
-def simpler(model: Comparison, base: Fit, best: Candidate) -> Candidate:
-    """A simpler kind at the same port, from the best one's point, if it gains nearly as much."""
+def simpler(
+    model: Comparison, base: Fit, best: Candidate, others: Sequence[Candidate] = ()
+) -> Candidate:
+    """A simpler kind at the same port, if it gains nearly as much.
+
+    It is one of the others, or fitted from the best one's point.
+    """
+    known = {other.name: other for other in others}
     kind, _, port = best.name.partition("@")
     for plainer in _SIMPLER_KINDS.get(kind, ()):
-        name = f"{plainer}@{port}"
+        name, least = f"{plainer}@{port}", RULES.simpler_share * best.gain_nats
         if name not in model.effects or name in base.hypothesis:
             continue
+        if name in known and known[name].gain_nats >= least:
+            return known[name]
         values = {n.replace(f"{best.name}.", f"{name}."): best.fit.value(n) for n in best.fit.names}
         hypothesis = (*base.hypothesis, name)
         start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
         simple = candidate(base, name, climbed(model, begun(model, hypothesis, base, start)))
-        if simple.gain_nats >= RULES.simpler_share * best.gain_nats:
+        if simple.gain_nats >= least:
             return simple
     return best
