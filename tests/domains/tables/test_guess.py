@@ -169,3 +169,58 @@ def test_a_column_has_the_clock_of_its_group_and_of_its_words(tmp_path: Path) ->
     guessed = guess_columns(archive(tmp_path / "log.npz", lengths))
     assert 'column = "a"\ntime = "t_a"' in guessed
     assert 'column = "b"\ntime = "t_b"' in guessed
+
+
+EPOCH_S = 1_700_000_000
+
+
+@pytest.mark.parametrize("rate_hz", [10, 50, 200, 1000])
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_stamps_since_1970_tell_their_unit(unit: str, rate_hz: int, tmp_path: Path) -> None:
+    per_s = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[unit]
+    step = per_s / rate_hz if unit == "s" else per_s // rate_hz
+    stamp = EPOCH_S * per_s + step * np.arange(500)
+    path = tmp_path / "log.csv"
+    path.write_text("stamp,q\n" + "".join(f"{s},{i}\n" for i, s in enumerate(stamp.tolist())))
+    guessed = guess_columns(path)
+    assert f'unit = "{unit}"  # ?\n# about {rate_hz} Hz' in guessed
+
+
+@pytest.mark.parametrize(
+    ("step", "unit", "about"),
+    [
+        (1.0, "s", "1 Hz"),  # a slow log of an hour
+        (0.02, "s", "50 Hz"),
+        (20, "ms", "50 Hz"),
+        (1000, "us", "1000 Hz"),
+        (20_000, "us", "50 Hz"),
+        (20_000_000, "ns", "50 Hz"),
+        (1_000_000, "ns", "1000 Hz"),
+    ],
+)
+def test_stamps_since_a_start_have_the_unit_of_a_likely_log(
+    step: float, unit: str, about: str, tmp_path: Path
+) -> None:
+    count = np.arange(4000)
+    path = table(tmp_path / "log.csv", t=step * count, q=count)
+    assert f'unit = "{unit}"  # ?\n# about {about}' in guess_columns(path)
+
+
+def test_a_start_that_looks_like_a_date_in_another_unit_is_none(tmp_path: Path) -> None:
+    """Uptime of half an hour in microseconds: the same number in seconds is the year 2028."""
+    count = np.arange(4000)
+    path = table(tmp_path / "log.csv", t=1_830_000_000 + 20_000 * count, q=count)
+    assert 'unit = "us"  # ?\n# about 50 Hz' in guess_columns(path)
+
+
+def test_the_clock_of_a_column_tells_its_unit_as_well(tmp_path: Path) -> None:
+    slow, fast = np.arange(300), np.arange(3000)
+    np.savez(
+        tmp_path / "log.npz",
+        t=0.02 * fast,
+        u=fast,
+        pose_stamp=EPOCH_S * 10**9 + 20_000_000 * slow,
+        pose_x=slow,
+    )
+    guessed = guess_columns(tmp_path / "log.npz")
+    assert 'time = "pose_stamp"\ntime_unit = "ns"' in guessed

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.guess_time_unit import LARGEST, time_unit, unit_in
 from wakedeploy.domains.tables.log import Field, Log, Values
 from wakedeploy.domains.tables.resampling import unevenness, usual_step_s
 from wakedeploy.domains.tables.stamps import (
@@ -28,14 +29,12 @@ Vector = NDArray[np.float64]
 
 MOST_COLUMNS = 400
 _LATEST_S = 1e12
-_LIKELY_HZ = (0.05, 50_000.0)
 _TIME_NAMES = (
     r"t|time|times?tamp|stamps?|t_s|time_s|sec|secs|seconds|zeit|clock",
     r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
     r".*time.*|.*stamp.*",
 )
 _LIKE_TIME = r"t_\w+|\w+_t"  # a clock if it rises all along, which no torque does
-_LARGEST = 1e30  # of a stamp; no damaged file overflows
 _FEW_STAMPS, _EVEN = 10, 0.5  # fewer say nothing; spread of most steps over the usual one
 _FEW_FALLS, _LONG_RUN = 5, 100  # of a clock that begins again; more falls have rows between them
 _FORMS = ("iso", "%Y-%m-%d %H:%M:%S:%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S")
@@ -200,7 +199,7 @@ def _clock(log: Log, field: Field) -> Timing | None:
         if np.isnat(numbers).any():
             return None
         numbers, form = numbers.astype("datetime64[ns]").astype(np.int64), "datetime64"
-    unit, is_guess = ("ns", False) if form else _time_unit(numbers, field)
+    unit, is_guess = ("ns", False) if form else time_unit(numbers, field)
     if unit is None:
         return None
     if form is None:
@@ -261,7 +260,7 @@ def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing:
         if first is not None and first > 0:
             rate = first if name in _RATE_NAMES else 1.0 / first
             return Timing((f"rate_hz = {rate:g}  # ? from {toml(field.name)}",))
-    by_unit = sorted(fields[:MOST_COLUMNS], key=lambda field: not _unit_in(field.name))
+    by_unit = sorted(fields[:MOST_COLUMNS], key=lambda field: not unit_in(field.name))
     for field in by_unit:
         if (found := even_clock(log, field)) is not None:
             return found
@@ -289,7 +288,7 @@ def _steps(log: Log, field: Field) -> Vector | None:
     if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
         return None
     numbers = as_floats(values)
-    return np.diff(numbers) if (np.abs(numbers) < _LARGEST).all() else None
+    return np.diff(numbers) if (np.abs(numbers) < LARGEST).all() else None
 
 
 def _rises_evenly(log: Log, field: Field) -> bool:
@@ -308,40 +307,6 @@ def _first_number(log: Log, field: Field) -> float | None:
     except UnusableInput:
         return None
     return float(values[0]) if len(values) and np.isfinite(values[0]) else None
-
-
-def _unit_in(name: str) -> str | None:
-    """The unit of time that a name ends with."""
-    ends = re.search(r"_(s|ms|us|ns|min)$", name)
-    if ends:
-        return ends[1]
-    return "min" if re.search(r"(^|_)minutes?$", name.lower()) else None
-
-
-def _time_unit(values: Values, field: Field) -> tuple[str | None, bool]:
-    """The unit that the log states, or the one in which the steps are likely."""
-    stated = field.unit or _unit_in(field.name)
-    if stated is not None:
-        try:
-            seconds_in(stated)
-            return stated, False
-        except ValueError:
-            pass
-    if values.dtype.kind == "M":
-        return "ns", False
-    numbers = as_floats(values)
-    if len(numbers) < 2 or not (np.abs(numbers) < _LARGEST).all():
-        return None, False
-    steps = np.diff(numbers)
-    rising = steps[steps > 0]
-    if len(rising) < 0.5 * len(steps) or not len(rising):
-        return None, False
-    step = float(np.median(rising))
-    low, high = _LIKELY_HZ
-    for unit in ("s", "ms", "us", "ns"):
-        if low <= 1.0 / (step * float(seconds_in(unit))) <= high:
-            return unit, True
-    return None, False
 
 
 def _form(values: Values) -> str | None:
