@@ -43,8 +43,9 @@ def test_the_page_runs_on_a_log_of_its_columns(
 
 def test_the_tables_that_the_page_shows_are_read_and_every_entry_is_in_it() -> None:
     shown = [body for word, file, body, _ in fences(PAGE) if word == "toml"]
-    whole, fragment = shown
-    read = parse_columns(whole + fragment)
+    whole, *fragments = shown
+    read = parse_columns(whole + "".join(fragments))
+    assert read.columns["yaw_rad"].angle == "yaw"
     assert read.resample is not None
     assert read.resample.effective_cutoff_hz == 20.0
     text = PAGE.read_text("utf-8")

@@ -7,7 +7,7 @@ docs/how-to/own-logs.md.
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pydantic
 from pydantic import Field, StringConstraints
@@ -18,6 +18,7 @@ from wakedeploy.core.validation import first_problem
 
 VERSION = 1
 Role = Literal["input", "output", "observation", "force", "unused"]
+Angle = Literal["yaw", "pitch", "roll"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
 Address = Annotated[str, StringConstraints(min_length=1, max_length=300)]
 _MOST_HZ = 1e5
@@ -130,8 +131,12 @@ class Column(_Table):
     A number in the system is (number in the log × scale + offset), in `unit`, converted to `to`.
     """
 
-    column: Address
+    column: Address | None = None
     """Its name in the log; `state_positions[2]` is the third number of a vector."""
+    quaternion: tuple[Address, Address, Address, Address] | None = None
+    """Instead of `column`: the names of x, y, z and w of an orientation, of which one angle is."""
+    angle: Angle | None = None
+    """Which angle of the quaternion: about z, then y, then x."""
     role: Role | tuple[Role, ...]
     unit: str
     """What the log's numbers are in; "1" for none."""
@@ -159,6 +164,47 @@ class Column(_Table):
     """Added to its stamps: where its clock is another, or it is known to come late (then < 0)."""
     file: Address | None = None
     """The file within a folder, where a recording is a folder of files."""
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _angle_in_rad(cls, raw: Any) -> Any:
+        """What is computed here has its unit from here."""
+        if isinstance(raw, dict) and "quaternion" in raw:
+            return {"unit": "rad"} | raw
+        return raw
+
+    @pydantic.model_validator(mode="after")
+    def _one_place(self) -> "Column":
+        if self.quaternion is None:
+            if self.column is None:
+                raise ValueError("column is missing")
+            if self.angle is not None:
+                raise ValueError("angle is of a quaternion, and none is given; delete it")
+            return self
+        if self.column is not None:
+            raise ValueError("give either column or quaternion, not both")
+        if self.angle is None:
+            raise ValueError('give the angle of the quaternion: "yaw", "pitch" or "roll"')
+        if self.unit != "rad":
+            raise ValueError(f'the angle of a quaternion is in rad; give to = "{self.unit}"')
+        ends = "".join(address[-1].lower() for address in self.quaternion)
+        if sorted(ends) == sorted("xyzw") and ends != "xyzw":
+            raise ValueError("give the quaternion in the order x, y, z, w")
+        return self
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Where its numbers stand in the log: one column, or the four of a quaternion."""
+        return (self.column,) if self.column is not None else self.quaternion or ()
+
+    @property
+    def address(self) -> str:
+        """What it is called in sentences: "yaw of /imu.orientation" for an angle."""
+        if self.quaternion is None:
+            return self.column or ""
+        stem = self.quaternion[0][:-1].rstrip("._/[")
+        is_common = stem and all(part.startswith(stem) for part in self.quaternion)
+        return f"{self.angle} of {stem if is_common else ', '.join(self.quaternion)}"
 
     @property
     def roles(self) -> tuple[Role, ...]:

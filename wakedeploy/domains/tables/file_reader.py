@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.domains.tables.columns import Columns
+from wakedeploy.domains.tables.columns import Column, Columns
 from wakedeploy.domains.tables.diagnosis import (
     far_apart,
     no_stretch,
@@ -22,6 +22,7 @@ from wakedeploy.domains.tables.diagnosis import (
     require_likely_rate,
 )
 from wakedeploy.domains.tables.log import Clock, Log, Values, is_log, open_log, require_size
+from wakedeploy.domains.tables.orientation import angle_of
 from wakedeploy.domains.tables.pieces import (
     Stretch,
     common,
@@ -107,23 +108,26 @@ class FileReader:
         return self.path / file
 
     def _place(self, wanted: Wanted) -> Place:
-        column, base = wanted.column, self.columns.time
+        column = wanted.column
         log = self._log(column.file)
-        clock = log.clock_of(column.column)
+        return Place(log, column.address, self._clock_for(column, log), column.addresses)
+
+    def _clock_for(self, column: Column, log: Log) -> Clock | None:
+        """The clock of a column; None for a stated rate."""
+        base, clock = self.columns.time, log.clock_of(column.addresses[0])
+        unit = base.unit or (clock.unit if clock else "s")
         if column.time is not None:
-            unit = column.time_unit or base.unit or (clock.unit if clock else "s")
-            return Place(log, column.column, Clock(column.time, unit))
+            return Clock(column.time, column.time_unit or unit)
         if base.rate_hz is not None:
-            return Place(log, column.column, None)
+            return None
         if base.column is not None:
             topic = clock.address.rpartition(".")[0] + "." if clock else ""
-            unit = base.unit or (clock.unit if clock else "s")
-            return Place(log, column.column, Clock(topic + base.column, unit))
+            return Clock(topic + base.column, unit)
         if clock is None:
             raise UnusableInput(
                 f"{log.path}: has no clock of its own; give [time] column, or [time] rate_hz."
             )
-        return Place(log, column.column, clock)
+        return clock
 
     def _raw(self, places: Iterable[Place]) -> dict[tuple[int, str], Values]:
         """Everything that is needed, each log read once, by log and address."""
@@ -133,7 +137,7 @@ class FileReader:
         for place in places:
             key = id(place.log)
             logs[key] = place.log
-            addresses.setdefault(key, set()).add(place.address)
+            addresses.setdefault(key, set()).update(place.addresses)
             if place.clock is not None:
                 addresses[key].add(place.clock.address)
                 stamps.setdefault(key, set()).add(place.clock.address)
@@ -152,7 +156,7 @@ class FileReader:
     ) -> Iterator[list[Series]]:
         """The columns with their stamps; one list, or one for each piece between falls."""
         seconds = self._stamps(places, raw)
-        numbers = {n: self._numbers(p, raw[id(p.log), p.address]) for n, p in places.items()}
+        numbers = {n: self._numbers(self.wanted[n], p, raw) for n, p in places.items()}
         for name, place in places.items():
             self._require_length(place, numbers[name], seconds[_clock_key(place)])
         for cut in self._cuts(places, seconds):
@@ -174,7 +178,7 @@ class FileReader:
         for place in places.values():
             key = _clock_key(place)
             if place.clock is None:
-                longest = max(lengths.get(key, 0), len(raw[id(place.log), place.address]))
+                longest = max(lengths.get(key, 0), len(raw[id(place.log), place.addresses[0]]))
                 lengths[key] = longest
             elif key not in found:
                 found[key] = self._clock(place, raw[id(place.log), place.clock.address])
@@ -241,7 +245,15 @@ class FileReader:
 
     # --- numbers
 
-    def _numbers(self, place: Place, values: Values) -> Vector:
+    def _numbers(
+        self, wanted: Wanted, place: Place, raw: Mapping[tuple[int, str], Values]
+    ) -> Vector:
+        """A column's numbers as the log has them, or the angle that they give."""
+        parts = [self._floats(place, raw[id(place.log), each]) for each in place.addresses]
+        angle = wanted.column.angle
+        return parts[0] if angle is None else angle_of(place, angle, parts, self.notes)
+
+    def _floats(self, place: Place, values: Values) -> Vector:
         if values.dtype == object:
             raise place.refused("holds texts", "leave it out, or choose another")
         if values.dtype.kind == "M":

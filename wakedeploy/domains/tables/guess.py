@@ -29,6 +29,7 @@ from wakedeploy.domains.tables.guess_clock import (
     toml,
 )
 from wakedeploy.domains.tables.guess_clocks import clocks_of
+from wakedeploy.domains.tables.guess_orientation import Quaternion, quaternions_in
 from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log, seen_form
 from wakedeploy.domains.tables.stamps import as_floats
 
@@ -183,6 +184,8 @@ def _entries(file: _File, base: Timing, taken: set[str]) -> Iterator[str]:
         if seen is None or len(seen) < 2:
             continue
         yield from _entry(file, base, field, seen, taken)
+    for quaternion in quaternions_in(file.values):
+        yield from _entry_of_yaw(file, base, quaternion, taken)
 
 
 def _all_values(log: Log, fields: Sequence[Field]) -> dict[str, Values]:
@@ -211,23 +214,46 @@ def _entry(
     yield ""
     yield f"[columns.{_name(field.name, taken)}]  # {_range(there)}"
     yield f"column = {toml(field.name)}"
-    if file.name:
-        yield f"file = {toml(file.name)}"
-    timing = file.timing_of(field.name)
-    own = (timing.column, timing.unit)
-    if own[0] is not None and own != (base.column, base.unit):
-        yield f"time = {toml(own[0])}"
-        if own[1] is not None:
-            yield f"time_unit = {toml(own[1])}"
+    yield from _place(file, base, field.name)
     yield 'role = "unused"'
     yield f"unit = {toml(unit)}{remark}"
     if unit != si_unit(unit) and field.name.lower().endswith(f"_{unit.lower()}"):
         yield f"to = {toml(unit)}  # as its name says"
     if len(there) < len(numbers):
-        if _is_of_a_stream(file, field.name):
-            yield 'missing = "hold"  # ? a number in some rows only, as rows of others lie between'
-        else:
-            yield 'missing = "split"  # ? some samples have no number; "nan" for a sensor'
+        yield from _missing(file, field.name)
+
+
+def _entry_of_yaw(file: _File, base: Timing, found: Quaternion, taken: set[str]) -> Iterator[str]:
+    """The heading of a quaternion, as it may be wanted."""
+    yield ""
+    yield f"[columns.{_name(f'{found.stem}_yaw_rad', taken)}]"
+    yield f"quaternion = [{', '.join(map(toml, found.addresses))}]{found.remark}"
+    yield 'angle = "yaw"  # or "pitch", "roll"'
+    yield from _place(file, base, found.addresses[0])
+    yield 'role = "unused"'
+    numbers = as_floats(file.values[found.addresses[0]])
+    if not np.isfinite(numbers).all():
+        yield from _missing(file, found.addresses[0])
+
+
+def _place(file: _File, base: Timing, name: str) -> Iterator[str]:
+    """The file of a column, and its clock where it has another than the first file's."""
+    if file.name:
+        yield f"file = {toml(file.name)}"
+    timing = file.timing_of(name)
+    own = (timing.column, timing.unit)
+    if own[0] is not None and own != (base.column, base.unit):
+        yield f"time = {toml(own[0])}"
+        if own[1] is not None:
+            yield f"time_unit = {toml(own[1])}"
+
+
+def _missing(file: _File, name: str) -> Iterator[str]:
+    """What to do where a column has no number."""
+    if _is_of_a_stream(file, name):
+        yield 'missing = "hold"  # ? a number in some rows only, as rows of others lie between'
+    else:
+        yield 'missing = "split"  # ? some samples have no number; "nan" for a sensor'
 
 
 def _is_of_a_stream(file: _File, name: str) -> bool:

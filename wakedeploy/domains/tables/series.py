@@ -20,15 +20,19 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Place:
-    """Where a column stands: its log, its address, and its clock (None: the rate is stated)."""
+    """Where a column stands: its log, its addresses there, and its clock (None: a stated rate).
+
+    `address` is what it is called in sentences; it has several `addresses` if it is computed.
+    """
 
     log: Log
     address: str
     clock: Clock | None
+    addresses: tuple[str, ...]
 
     def row(self, index: int) -> str:
         """What a row of it is called."""
-        return self.log.place(self.address, index)
+        return self.log.place(self.addresses[0], index)
 
     def refused(self, reason: str, advice: str) -> UnusableInput:
         """The sentence for this column."""

@@ -82,6 +82,8 @@ class Wanted:
 
 def _doubted(column: Column) -> str:
     """What speaks against a column's unit: another one of the same dimension in its name."""
+    if column.column is None:
+        return ""
     named = contradicted(column.column.partition("[")[0].lower(), column.unit)
     if named is None or (column.scale, column.offset) != (1.0, 0.0):
         return ""
