@@ -32,8 +32,9 @@ from wakedeploy.gap.search.artefacts import (
 from wakedeploy.gap.systems.gantry import findings as drawn
 from wakedeploy.gap.systems.gantry.artefacts import Profile
 from wakedeploy.gap.systems.gantry.findings import Gap
+from wakedeploy.gap.systems.importance import removed_words
 from wakedeploy.gap.systems.kinds.library import plain
-from wakedeploy.gap.systems.words import lacking_of_class, removed_words
+from wakedeploy.gap.systems.words import lacking_of_class
 from wakedeploy.gap.wording import (
     counted,
     listed,

@@ -18,15 +18,14 @@ from wakedeploy.gap.search.artefacts import (
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
+from wakedeploy.gap.systems.importance import importance, removed_words, whole_percent
 from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.wording import (
     DETAILS,
-    UNKNOWN,
     counted,
     listed,
     measured,
     minus,
-    percent,
     quantity,
 )
 
@@ -58,7 +57,7 @@ def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
     """The verdict, and three answers."""
     return [
         *_verdict(result),
-        f"Does it matter? {_importance(result)}",
+        f"Does it matter? {importance(result)}",
         f"How sure is that? {_certainty(result)}",
         f"What next? {next_step(result, planned)}",
     ]
@@ -113,30 +112,6 @@ def lacking_of_class(answer: Answer) -> str:
     sure = [plain(e.name) for e in answer.effects if e.name not in answer.rivals]
     rivals = f"one of these: {listed([plain(name) for name in answer.rivals], 'or')}"
     return f"{listed(sure)}, and {rivals}" if sure else rivals
-
-
-def _importance(result: Result) -> str:
-    """How far off forecasts are, and how far with what was found."""
-    shown = [(name, error) for name, error in result.gap.items()]
-    ahead = "Forecasts"
-    if result.forecast_s is not None:
-        ahead += f" {quantity(result.forecast_s, 's')} ahead"
-    if result.effects:
-        names = [e.name for e in result.effects]
-        several = listed([f"`{name}`" for name in names])
-        beside = "it" if result.verdict == "named" and len(names) == 1 else several
-        errors = [
-            f"{name} by {quantity(error.before, error.unit)}, with {beside} by "
-            f"{quantity(error.after, error.unit)}"
-            for name, error in shown
-        ]
-        yes = "Yes. " if any(error.after < error.before for _, error in shown) else ""
-        return f"{yes}{ahead} of blocks kept apart were off: {listed(errors)}."
-    errors = [f"{name} by {quantity(error.before, error.unit)}" for name, error in shown]
-    off = f"{ahead} of blocks kept apart are off: {listed(errors)}"
-    if result.verdict == "none":
-        return f"No. {off}, and no effect makes that clearly smaller."
-    return f"{off}. Whether that is much, you know best."
 
 
 def _certainty(result: Result) -> str:
@@ -251,12 +226,12 @@ def _unexplained(answer: Answer) -> list[str]:
     for push in answer.unexplained:
         lines.append(
             f"Not explained: on {push.state}, {push.sd:.3g} {push.unit} (sd) that last "
-            f"{push.lasts_s:.2g} s, {_percent(push.share)} of the usual rate."
+            f"{push.lasts_s:.2g} s, {whole_percent(push.share)} of the usual rate."
         )
         at = push.against
         if at is not None:
             lines.append(
-                f"  It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
+                f"  It follows {at.coordinate}, which tells {whole_percent(at.share)} of it: "
                 f"from {_signed(at.means[0])} {push.unit} at {minus(f'{at.edges[0]:.3g}')} "
                 f"{at.unit} to {_signed(at.means[-1])} {push.unit} at "
                 f"{minus(f'{at.edges[-1]:.3g}')} {at.unit}."
@@ -287,18 +262,6 @@ def _size(name: str, size: Size) -> str:
 
 def _signed(value: float) -> str:
     return minus(f"{value:+.3g}")
-
-
-def removed_words(removed: Forecast) -> str:
-    """`62 % (58 % to 66 %)` of an error; an interval that rounds to that is left out."""
-    low, middle, high = (_percent(share) for share in (removed.low, removed.share, removed.high))
-    interval = f" ({low} to {high})" if {low, high} - {middle, UNKNOWN} else ""
-    return f"{middle}{interval}"
-
-
-def _percent(share: float) -> str:
-    """A share in whole percent; what is not all of it never reads as all of it."""
-    return "over 99 %" if 0.99 < share < 1.0 else percent(share)
 
 
 def _rejected(answer: Answer) -> list[str]:

@@ -1,0 +1,75 @@
+"""What the first screen says of an answer: which outputs gain, which lose, in plain words."""
+
+import pytest
+
+from tests.gap.report.test_system_page import result
+from wakedeploy.gap.systems.words import sentences
+
+LAG = "lag@steer_rad"
+SHARE = {"share": 0.5, "low": 0.41, "high": 0.59}
+
+
+def told(gap: dict[str, tuple[float, float]], **changed: object) -> list[str]:
+    """The screen of an answer whose outputs, in rad, erred so before and after."""
+    errors = {n: {"before": b, "after": a, "unit": "rad"} for n, (b, a) in gap.items()}
+    return sentences(result(gap=errors, **changed))
+
+
+def matters(gap: dict[str, tuple[float, float]], **changed: object) -> str:
+    (line,) = [x for x in told(gap, **changed) if x.startswith("Does it matter? ")]
+    return line.removeprefix("Does it matter? ")
+
+
+def test_of_one_output_both_errors_are_told() -> None:
+    assert matters({"cart": (0.47, 0.015)}) == (
+        "Yes. With it, forecasts 0.90 s ahead of blocks kept apart are off by less: cart by "
+        "0.0150 rad instead of 0.47 rad."
+    )
+
+
+def test_only_outputs_that_change_are_named_what_gains_most_first() -> None:
+    said = matters({"a": (1.0, 0.99), "b": (1.0, 0.6), "c": (1.0, 0.1), "d": (1.0, 1.01)})
+    assert said.endswith(
+        "are off by less: c by 0.100 rad instead of 1.00 rad and b by 0.60 rad instead of 1.00 "
+        "rad. The others hardly change."
+    )
+
+
+def test_an_output_that_gets_worse_is_named() -> None:
+    said = matters({"speed": (0.0191, 0.0207), "gyro": (0.116, 0.0117)})
+    assert "off by less: gyro by 0.0117 rad instead of 0.116 rad." in said
+    assert said.endswith("speed gets worse: off by 0.0207 rad instead of 0.0191 rad.")
+
+
+def test_of_many_outputs_three_are_named() -> None:
+    said = matters({f"q{i}": (1.0, 0.1 + 0.05 * i) for i in range(6)})
+    assert "q2 by 0.200 rad instead of 1.00 rad and 3 more." in said
+    assert "q3" not in said
+
+
+def test_the_effects_are_listed_once() -> None:
+    effects = [
+        {"name": name, "parameters": {}, "forecast": SHARE} for name in (LAG, "drag@v", "gain@v")
+    ]
+    said = matters({"a": (1.0, 0.1), "b": (1.0, 0.2), "c": (1.0, 0.3)}, effects=effects)
+    assert said.startswith(f"Yes. With `{LAG}`, `drag@v` and `gain@v`, forecasts")
+    assert said.count(LAG) == 1
+
+
+@pytest.mark.parametrize(
+    ("gap", "said"),
+    [
+        ({"a": (1.0, 0.97), "b": (1.0, 1.0)}, "Hardly. With it, forecasts 0.90 s ahead of blocks "
+         "kept apart change by a trifle: a is off by 0.97 rad instead of 1.00 rad."),
+        ({"a": (1.0, 1.3)}, "Forecasts 0.90 s ahead of blocks kept apart get no better with it. a "
+         "gets worse: off by 1.30 rad instead of 1.00 rad."),
+        ({"a": (0.0, 0.0), "b": (1.0, 0.5)}, "Yes. With it, forecasts 0.90 s ahead of blocks kept "
+         "apart are off by less: b by 0.50 rad instead of 1.00 rad. The others hardly change."),
+        ({"a": (float("nan"), float("nan")), "b": (1.0, 0.5)}, "Yes. With it, forecasts 0.90 s "
+         "ahead of blocks kept apart are off by less: b by 0.50 rad instead of 1.00 rad."),
+    ],
+)  # fmt: skip
+def test_what_gains_little_or_nothing_is_said_as_it_is(
+    gap: dict[str, tuple[float, float]], said: str
+) -> None:
+    assert matters(gap) == said
