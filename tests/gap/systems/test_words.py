@@ -73,3 +73,41 @@ def test_what_gains_little_or_nothing_is_said_as_it_is(
     gap: dict[str, tuple[float, float]], said: str
 ) -> None:
     assert matters(gap) == said
+
+
+def removes(gap: dict[str, tuple[float, float]], **changed: object) -> str:
+    effect = {"name": LAG, "parameters": {}, "forecast": SHARE}
+    screen = told(gap, **({"effects": [effect]} | changed))
+    (line,) = [line for line in screen if line.startswith(f"  {LAG}: ")]
+    return line.removeprefix(f"  {LAG}: ")
+
+
+def test_of_one_output_the_share_is_that_outputs() -> None:
+    assert removes({"a": (1.0, 0.7)}) == (
+        "removes 50 % (41 % to 59 %) of the squared forecast error where it was not fitted."
+    )
+
+
+def test_of_several_outputs_the_share_is_told_of_the_one_that_gains_most() -> None:
+    """Half of the error of two outputs is all of one: the mean alone hides that."""
+    assert removes({"speed": (0.0191, 0.0207), "gyro": (0.4, 0.04)}) == (
+        "removes 99 % of gyro's squared forecast error on blocks kept apart; as a mean over the 2 "
+        "outputs 50 % (41 % to 59 %) where it was not fitted."
+    )
+    screen = told({"speed": (0.02, 0.022), "gyro": (0.4, 0.04)})
+    assert (
+        "  gyro: rms forecast error 0.40 rad before, 0.040 rad after; its square falls by 99 %"
+        in screen
+    )
+    assert (
+        "  speed: rms forecast error 0.0200 rad before, 0.0220 rad after; its square grows by 21 %"
+        in screen
+    )
+
+
+def test_of_several_effects_no_output_is_given_to_one() -> None:
+    effects = [{"name": name, "parameters": {}, "forecast": SHARE} for name in (LAG, "gain@v")]
+    assert removes({"a": (1.0, 0.9), "b": (1.0, 0.1)}, effects=effects) == (
+        "removes 50 % (41 % to 59 %) of the squared forecast error where it was not fitted, as a "
+        "mean over the 2 outputs."
+    )

@@ -186,7 +186,9 @@ def _sizes(result: Result) -> pages.Table:
         for effect in result.effects
         for name, size in effect.parameters.items()
     ]
-    columns = ["effect", "parameter", "value (90 % interval)", "removes of the squared error"]
+    mean = f", mean over {len(result.gap)} outputs" if len(result.gap) > 1 else ""
+    removes = f"removes of the squared error{mean}"
+    columns = ["effect", "parameter", "value (90 % interval)", removes]
     return pages.Table(columns, rows)
 
 

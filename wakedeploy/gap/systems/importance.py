@@ -6,11 +6,12 @@ In: a `Result`. Out: sentences and phrases for a terminal and a page.
 import math
 from collections.abc import Sequence
 
-from wakedeploy.gap.search.artefacts import Error, Forecast, Result
+from wakedeploy.gap.search.artefacts import Answer, Effect, Error, Forecast, Result
 from wakedeploy.gap.wording import UNKNOWN, listed, percent, quantity
 
 TRIFLE = 0.05  # by which an output's error may change without being worth a word
 _MOST_NAMED = 3
+_NOTHING = 0.005  # of a share, that is told in whole percent
 
 Told = tuple[str, Error]
 
@@ -27,6 +28,48 @@ def importance(result: Result) -> str:
     if result.verdict == "none":
         return f"No. {off}, and no effect makes that clearly smaller."
     return f"{off}. Whether that is much, you know best."
+
+
+def removed_of(answer: Answer, effect: Effect) -> str:
+    """`removes 62 % … of the squared forecast error`: of several outputs, the one that gains most.
+
+    The search weighs outputs alike, each by what it errs without the effect. So an output that no
+    effect can touch halves the share of one that is mended wholly.
+    """
+    share = removed_words(effect.forecast)
+    gap = answer.gap if isinstance(answer, Result) else {}
+    count = len(gap or {name.split(".")[1] for name in answer.noise})
+    where = "where it was not fitted"
+    if count < 2:
+        return f"removes {share} of the squared forecast error {where}"
+    mean = f"as a mean over the {count} outputs"
+    best = min(gap.items(), key=lambda told: _left(told[1]), default=None)
+    if best is None or len(answer.effects) > 1 or not _left(best[1]) < 1.0:
+        return f"removes {share} of the squared forecast error {where}, {mean}"
+    name, gone = best[0], whole_percent(1.0 - _left(best[1]) ** 2)
+    return (
+        f"removes {gone} of {name}'s squared forecast error on blocks kept apart; {mean} {share} "
+        f"{where}"
+    )
+
+
+def by_output(result: Result) -> list[str]:
+    """Of each output, the error of forecasts before and after; of several, how much of it goes."""
+    return [f"{name}: {_both(error)}{_gone(result, error)}" for name, error in result.gap.items()]
+
+
+def _both(error: Error) -> str:
+    before, after = (quantity(each, error.unit) for each in (error.before, error.after))
+    return f"rms forecast error {before} before, {after} after"
+
+
+def _gone(result: Result, error: Error) -> str:
+    gone = 1.0 - _left(error) ** 2
+    if len(result.gap) < 2 or not result.effects or not math.isfinite(gone):
+        return ""
+    if abs(gone) < _NOTHING:
+        return "; its square stays"
+    return f"; its square {'falls' if gone > 0.0 else 'grows'} by {whole_percent(abs(gone))}"
 
 
 def removed_words(removed: Forecast) -> str:

@@ -18,7 +18,13 @@ from wakedeploy.gap.search.artefacts import (
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
-from wakedeploy.gap.systems.importance import importance, removed_words, whole_percent
+from wakedeploy.gap.systems.importance import (
+    by_output,
+    importance,
+    removed_of,
+    removed_words,
+    whole_percent,
+)
 from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.wording import (
     DETAILS,
@@ -49,7 +55,7 @@ def sentences(artefact: Artefact, planned: "Planned | None" = None) -> list[str]
     detail = [*_effects(artefact), *(f"  {remark}" for remark in remarks(artefact))]
     if not isinstance(artefact, Result):
         return [*_verdict(artefact), *detail]
-    detail += _gap(artefact)
+    detail += [f"  {line}" for line in by_output(artefact)]
     return [*first_screen(artefact, planned), *([DETAILS] if detail else []), *detail]
 
 
@@ -207,8 +213,8 @@ def _effects(answer: Answer) -> list[str]:
     lines = []
     for effect in answer.effects:
         sizes = ", ".join(_size(*parameter) for parameter in effect.parameters.items())
-        removed = f"{removed_words(effect.forecast)} of the squared forecast error"
-        lines.append(f"  {effect.name}: {sizes}; removes {removed} where it was not fitted.")
+        told = filter(None, (sizes, removed_of(answer, effect)))
+        lines.append(f"  {effect.name}: {'; '.join(told)}.")
     return lines
 
 
@@ -276,11 +282,3 @@ def _rejected(answer: Answer) -> list[str]:
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)
     judged |= {effect.name: UNSEEN_WORSE for effect in ranked if effect.judged == UNSEEN_WORSE}
     return [f"Not named: {name}: {why}." for name, why in judged.items()]
-
-
-def _gap(result: Result) -> list[str]:
-    return [
-        f"  {name}: rms forecast error {quantity(error.before, error.unit)} before, "
-        f"{quantity(error.after, error.unit)} after"
-        for name, error in result.gap.items()
-    ]
