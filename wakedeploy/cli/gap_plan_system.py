@@ -112,6 +112,7 @@ def _tell(made: "Plan", domain: str) -> None:
         title = f"Nats that {made.names[0]} gains in one log"
     if rows:
         print_table(title, ["input", "moves", "of its limits", "s", "nats", "logs", ""], rows)
+        click.echo("Nats count evidence: 3 make one twenty times as likely as the other.")
     click.echo(planned(made, domain).sentence)
 
 

@@ -154,8 +154,36 @@ def test_members_that_nothing_tells_apart_are_said_to_be_alike() -> None:
         update={"rivals": ["a", "b", "c"], "input": "waves", "moved": ("u",), "nats": 2.0,
                 "logs": 3, "seconds": 30.0}
     )  # fmt: skip
-    assert third.sentence.startswith("Record waves on u: 2 nats in 30 s")
+    assert third.sentence.startswith("Record waves on u for 30 s.")
     assert "takes 3 such logs. No input that was tried tells apart `a` and `b`." in third.sentence
+
+
+@pytest.mark.parametrize(
+    ("nats", "logged_nats", "said"),
+    [
+        (3.66, 0.631, "That tells 5.8 times as much as the present logs do in that time."),
+        (8270.0, 0.02, "That tells over 100 times as much as the present logs do in that time."),
+        (40.0, 44.0, "That tells 0.91 times as much as the present logs do in that time."),
+        (2.0, 0.0, "The present logs tell nothing of it."),
+    ],
+)
+def test_what_an_input_tells_is_said_by_what_the_present_logs_tell(
+    nats: float, logged_nats: float, said: str
+) -> None:
+    """Nobody knows what 0.115 nats are."""
+    plan = Planned(
+        domain="rover", rivals=["a", "b"], tried=6, input="waves", moved=("u",), seconds=20.0,
+        nats=nats, logged_nats=logged_nats, logs=2,
+    )  # fmt: skip
+    assert plan.sentence == (
+        f"Record waves on u for 20 s. {said} To decide it with margin takes 2 such logs."
+    )
+    none = plan.model_copy(update={"input": "", "nats": 0.1, "logged_nats": 0.2})
+    assert none.sentence.startswith(
+        "Record none of these: the best tells 0.50 times as much as the present logs do in that "
+        "time. If those do not decide it"
+    )
+    assert "nats" not in plan.sentence + none.sentence
 
 
 def test_an_effect_that_is_misspelt_is_told_before_any_fit(

@@ -3,12 +3,15 @@
 In: a `Plan`. Out: the input to record next, or why none is worth it.
 """
 
+import math
+
 from pydantic import Field
 
 from wakedeploy.gap.search.artefacts import Artefact, Number
 from wakedeploy.gap.systems.planning.plan import Plan
 from wakedeploy.gap.wording import counted, listed
 
+_MANY = 100
 INSTEAD = "Check columns and units, widen the limits of `Input`, or add a sensor."
 
 
@@ -48,26 +51,34 @@ class Planned(Artefact):
             )
         if not self.splits:
             return " ".join([self._none_worth_it, *self._same, INSTEAD])
+        told = "The present logs tell nothing of it."
+        if self.logged_nats > 0.0:
+            told = f"That tells {self._as_much}."
         return " ".join(
             [
-                f"Record {self.input} on {listed(self.moved)}: {self.nats:.3g} nats in "
-                f"{self.seconds:.3g} s, where {self._present}.",
+                f"Record {self.input} on {listed(self.moved)} for {self.seconds:.3g} s.",
+                *([told] if self.nats > 0.0 else []),
                 f"To decide it with margin takes {counted(self.logs, 'such log')}.",
                 *self._same,
             ]
         )
 
     @property
-    def _present(self) -> str:
-        return f"as much of the present logs has {self.logged_nats:.3g}"
+    def _as_much(self) -> str:
+        """What one log of the best input tells, by what the present logs do."""
+        ratio = self.nats / self.logged_nats if self.logged_nats > 0.0 else math.inf
+        times = f"over {_MANY}" if ratio > _MANY else f"{ratio:.{1 if ratio >= 1.0 else 2}f}"
+        return f"{times} times as much as the present logs do in that time"
 
     @property
     def _none_worth_it(self) -> str:
         if not self.nats > 0.0 or self._all_alike:
             return "Record none of these: they tell nothing of it."
+        if not self.logged_nats > 0.0:
+            return "Record none of these: they tell next to nothing of it."
         return (
-            f"Record none of these: the best tells {self.nats:.3g} nats in one log, and "
-            f"{self._present}. If those do not decide it, such a log hardly will."
+            f"Record none of these: the best tells {self._as_much}. If those do not decide it, "
+            "such a log hardly will."
         )
 
     @property
