@@ -2,8 +2,8 @@
 
 import functools
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -46,13 +46,15 @@ class Gap:
     `result.json` of a rig and `domain.json` of a system: parameters with units and 90 % intervals,
     and the gap per channel before and after, each the RMS over the samples (T,) that were sealed,
     in the channel's unit (m for heights). `files` are sentences about further files that were
-    written, `next` the commands that may follow, both () where they were read from a folder.
+    written, `next` the commands that may follow, `stated` a system's constants; all are empty
+    where they were read from a folder.
     UnusableInput where the folder holds no result.
     """
 
     folder: Path
     files: tuple[str, ...] = ()
     next: tuple[str, ...] = ()
+    stated: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def read(cls, folder: PathLike) -> "Gap":
@@ -101,7 +103,9 @@ class Gap:
     def account(self) -> str:
         """The result in plain words, the verdict first."""
         if isinstance(self.result, SystemResult):
-            return "\n".join(sentences(self.result, planned_in(self.folder, self.result)))
+            return "\n".join(
+                sentences(self.result, planned_in(self.folder, self.result), self.stated)
+            )
         from wakedeploy.gap.report.summary import account
 
         return account(self.steps.summary)
@@ -257,7 +261,7 @@ def close_gap(
             report=report,
             plan=plan,
         )
-        return Gap(Path(out), taken.exported, taken.next)
+        return Gap(Path(out), taken.exported, taken.next, taken.stated)
     if columns is not None:
         raise UnusableInput("columns are for a system of your own; flights of a rig need none.")
     rig_path = _rig_path(system)

@@ -194,7 +194,7 @@ def run_steps(
                     system_path, measured, out, columns=columns, progress=progress, warn=warn
                 )
                 assert isinstance(gap.result, Result)
-                taken = Taken(gap.result, gap.files, gap.next)
+                taken = Taken(gap.result, gap.files, gap.next, gap.stated)
             else:
                 taken = take(step, system_path, measured, columns, out, progress, warn, only=only)
     except KeyboardInterrupt:
@@ -213,7 +213,7 @@ def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> Non
 
     told = taken.told
     planned = planned_in(out, told) if isinstance(told, Result) else None
-    for sentence in sentences(told, planned):
+    for sentence in sentences(told, planned, taken.stated):
         click.echo(sentence)
     if only is not None:
         click.echo(f"Added as you asked: {only}, beside what is sure.")

@@ -109,6 +109,14 @@ def test_what_is_left_beyond_noise_is_said_on_the_first_screen(friction, tmp_pat
     assert left not in read(result(white=quiet), tmp_path)[1]
 
 
+def test_constants_stand_beside_what_the_system_states(tmp_path: Path) -> None:
+    base = {"value": 0.302, "low": 0.300, "high": 0.304, "unit": "m"}
+    write_page(result(constants={"base_m": base}), tmp_path, stated={"base_m": 0.325})
+    page = (tmp_path / "report.html").read_text("utf-8")
+    for cell in ("base_m", "0.325 m", "0.3020 m (0.3000 to 0.3040)"):
+        assert f">{cell}</" in page
+
+
 def test_no_place_beside_large_residuals_is_no_agreement(friction, tmp_path) -> None:
     assert "No single place stands out (q ≤ 0.05; the clearest has q = 0.3)" in friction[1]
     assert "the mean residual over a part of a coordinate reaches 31 mm (cart_m)" in friction[1]

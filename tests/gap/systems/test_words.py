@@ -91,8 +91,8 @@ def test_of_one_output_the_share_is_that_outputs() -> None:
 def test_of_several_outputs_the_share_is_told_of_the_one_that_gains_most() -> None:
     """Half of the error of two outputs is all of one: the mean alone hides that."""
     assert removes({"speed": (0.0191, 0.0207), "gyro": (0.4, 0.04)}) == (
-        "removes 99 % of gyro's squared forecast error on blocks kept apart; as a mean over the 2 "
-        "outputs 50 % (41 % to 59 %) where it was not fitted."
+        "removes 99 % of the squared forecast error of gyro on blocks kept apart; as a mean over "
+        "the 2 outputs 50 % (41 % to 59 %) where it was not fitted."
     )
     screen = told({"speed": (0.02, 0.022), "gyro": (0.4, 0.04)})
     assert (
@@ -111,3 +111,53 @@ def test_of_several_effects_no_output_is_given_to_one() -> None:
         "removes 50 % (41 % to 59 %) of the squared forecast error where it was not fitted, as a "
         "mean over the 2 outputs."
     )
+
+
+BASE = {"value": 0.3019, "low": 0.3005, "high": 0.3033, "unit": "m"}
+TOP = {"value": 4.0, "low": 3.9, "high": 4.1, "unit": "m/s"}
+MOVED = {"constants": {"wheelbase_m": BASE, "top_mps": TOP}, "moved": {"wheelbase_m": -4.6}}
+STATED = {"wheelbase_m": 0.325, "top_mps": 4.0}
+
+
+def ranked(gains: dict[str, float], given: list[str]) -> dict[str, object]:
+    ranking = [
+        {"name": n, "gain_nats": g, "interval": [g, g], "parameters": {}} for n, g in gains.items()
+    ]
+    return {"given": given, "threshold_nats": 5.0, "ranking": ranking}
+
+
+def test_a_constant_that_moved_is_told_from_where_to_where() -> None:
+    doubt = sentences(result(**MOVED), stated=STATED)[0]
+    assert doubt.startswith(
+        "Doubt what follows: to fit, the search moved wheelbase_m (from 0.325 m to 0.3019 m) by 5 "
+        "of the spreads that the system states. A unit may be wrong, there or of a column."
+    )
+    unknown = sentences(result(**MOVED))[0]  # read from a folder, without the system
+    assert "moved wheelbase_m (to 0.3019 m) by 5 of the spreads" in unknown
+
+
+def test_a_gain_that_stands_unnamed_beside_it_may_be_what_moved_it() -> None:
+    rounds = [
+        ranked({"sensor-gain@early": 50.0}, []),
+        ranked({"sensor-gain@gyro": 10.4, "gain@steer": 0.3, "lag@steer": 8.0}, ["drag@v"]),
+    ]
+    doubt = sentences(result(**MOVED, rounds=rounds), stated=STATED)[0]
+    assert doubt.endswith(
+        "Or it stands for an effect that was ranked and not named: `sensor-gain@gyro`."
+    )
+    quiet = [ranked({"sensor-gain@gyro": 0.4}, [])]
+    assert "Or it stands" not in sentences(result(**MOVED, rounds=quiet), stated=STATED)[0]
+
+
+def test_constants_as_fitted_stand_in_the_details() -> None:
+    screen = sentences(result(**MOVED), stated=STATED)
+    at = screen.index("  Constants, as fitted beside it:")
+    assert screen[at + 1 : at + 3] == [
+        "    wheelbase_m: stated 0.325 m, fitted 0.3019 m (0.3005 to 0.3033)",
+        "    top_mps: stated 4 m/s, fitted 4.00 m/s (3.90 to 4.10)",
+    ]
+    many = {f"k{i}_m": BASE for i in range(30)}
+    told_of = [line for line in sentences(result(constants=many)) if line.startswith("    k")]
+    assert len(told_of) == 12
+    assert "    and 18 more, in the report" in sentences(result(constants=many))
+    assert not any("Constants" in line for line in sentences(result(verdict="none", effects=[])))

@@ -48,8 +48,8 @@ def removed_of(answer: Answer, effect: Effect) -> str:
         return f"removes {share} of the squared forecast error {where}, {mean}"
     name, gone = best[0], whole_percent(1.0 - _left(best[1]) ** 2)
     return (
-        f"removes {gone} of {name}'s squared forecast error on blocks kept apart; {mean} {share} "
-        f"{where}"
+        f"removes {gone} of the squared forecast error of {name} on blocks kept apart; {mean} "
+        f"{share} {where}"
     )
 
 

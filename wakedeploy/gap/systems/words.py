@@ -18,6 +18,7 @@ from wakedeploy.gap.search.artefacts import (
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
+from wakedeploy.gap.systems.calibration import NOT_AT_HAND, Stated, constant_words, moved_words
 from wakedeploy.gap.systems.importance import (
     by_output,
     importance,
@@ -47,22 +48,30 @@ _FAR_AHEAD = (
 _MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
 
-def sentences(artefact: Artefact, planned: "Planned | None" = None) -> list[str]:
-    """The lines that a command prints; `planned` is what a plan for its class came to."""
+def sentences(
+    artefact: Artefact, planned: "Planned | None" = None, stated: Stated = NOT_AT_HAND
+) -> list[str]:
+    """The lines that a command prints; `planned` is what a plan for its class came to.
+
+    `stated` are the system's constants, where it is at hand.
+    """
     if isinstance(artefact, Disagreements) and not isinstance(artefact, Result):
         return _found(artefact)
     assert isinstance(artefact, Answer)
     detail = [*_effects(artefact), *(f"  {remark}" for remark in remarks(artefact))]
     if not isinstance(artefact, Result):
-        return [*_verdict(artefact), *detail]
+        return [*_verdict(artefact, stated), *detail]
     detail += [f"  {line}" for line in by_output(artefact)]
-    return [*first_screen(artefact, planned), *([DETAILS] if detail else []), *detail]
+    detail += [f"  {line}" for line in constant_words(artefact, stated)]
+    return [*first_screen(artefact, planned, stated), *([DETAILS] if detail else []), *detail]
 
 
-def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
+def first_screen(
+    result: Result, planned: "Planned | None" = None, stated: Stated = NOT_AT_HAND
+) -> list[str]:
     """The verdict, and three answers."""
     return [
-        *_verdict(result),
+        *_verdict(result, stated),
         f"Does it matter? {importance(result)}",
         f"How sure is that? {_certainty(result)}",
         f"What next? {next_step(result, planned)}",
@@ -88,9 +97,9 @@ def _found(disagreements: Disagreements) -> list[str]:
     return lines
 
 
-def _verdict(answer: Answer) -> list[str]:
+def _verdict(answer: Answer, stated: Stated) -> list[str]:
     """What the system lacks; before it, what speaks against any answer."""
-    return [*late_words(answer.late), *_moved(answer), _lacking(answer)]
+    return [*late_words(answer.late), *moved_words(answer, stated), _lacking(answer)]
 
 
 def _lacking(answer: Answer) -> str:
@@ -197,16 +206,6 @@ def _open_class(result: Result, planned: "Planned | None") -> str:
         f"{planned.sentence} Until then the correction has `{has}`; the "
         f"command below puts `{other}` in its place."
     )
-
-
-def _moved(answer: Answer) -> list[str]:
-    if not answer.moved:
-        return []
-    each = [f"{name} by {abs(spreads):.0f}" for name, spreads in answer.moved.items()]
-    return [
-        f"Doubt what follows: to fit, the search moved {listed(each)} of the spreads that the "
-        "system states. A unit may be wrong, there or of a column."
-    ]
 
 
 def _effects(answer: Answer) -> list[str]:
