@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.evidence.fits import Fit
     from wakedeploy.gap.systems.logs import LogModel
     from wakedeploy.gap.systems.planning.plan import Plan
+    from wakedeploy.gap.systems.planning.power import EffectPower
 
 _SHOWN = 8  # inputs
 
@@ -64,8 +65,7 @@ def run_power(
     print_table(
         "The smallest size that logs like these tell, four times in five",
         ["effect", "of", "seen", "named", "nearest rival", "matters", "unit"],
-        [[e.name, e.parameter, _number(e.detected), _number(e.named), e.rival,
-          _number(e.matters), e.unit] for e in detectable.effects],
+        [_least(e) for e in detectable.effects],
     )  # fmt: skip
     click.echo(
         f"Seen: gains more than chance, {detectable.threshold_nats:.1f} nats. Named: also ahead of "
@@ -77,6 +77,16 @@ def run_power(
             out / "power.json", {"threshold_nats": detectable.threshold_nats, "effects": rows}
         )
         click.echo(f"Written: {out / 'power.json'}")
+
+
+def _least(effect: "EffectPower") -> list[str]:
+    """A row of the table, in the words and units of people: of a limit to a rate, the rate."""
+    from wakedeploy.gap.systems.told import per
+
+    sizes = [effect.detected, effect.named, effect.matters]
+    name, unit, (detected, named, matters) = per(effect.name, effect.parameter, effect.unit, sizes)
+    return [effect.name, name, _number(detected), _number(named), effect.rival, _number(matters),
+            unit]  # fmt: skip
 
 
 def _fitted(
@@ -139,7 +149,7 @@ def _row(option: Any) -> dict[str, Any]:
 
 
 def _number(value: float) -> str:
-    return f"{value:.3g}" if math.isfinite(value) else "-"
+    return f"{value:.3g}" if math.isfinite(value) and value else "-"
 
 
 def _finite(value: Any) -> Any:

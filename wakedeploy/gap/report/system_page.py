@@ -35,6 +35,7 @@ from wakedeploy.gap.systems.gantry.artefacts import Profile
 from wakedeploy.gap.systems.gantry.findings import Gap
 from wakedeploy.gap.systems.importance import removed_words
 from wakedeploy.gap.systems.kinds.library import plain
+from wakedeploy.gap.systems.told import told
 from wakedeploy.gap.systems.words import lacking_of_class
 from wakedeploy.gap.wording import (
     counted,
@@ -169,7 +170,7 @@ def _tiles(result: Result) -> list[tuple[str, str]]:
             measured(size.value, size.low, size.high, size.unit),
         )
         for effect in result.effects
-        for name, size in effect.parameters.items()
+        for name, size in (told(effect.name, *each) for each in effect.parameters.items())
     ]
     for name, error in result.gap.items():
         before, after = quantity(error.before, error.unit), quantity(error.after, error.unit)
@@ -189,7 +190,7 @@ def _sizes(result: Result) -> pages.Table:
             removed_words(effect.forecast),
         ]
         for effect in result.effects
-        for name, size in effect.parameters.items()
+        for name, size in (told(effect.name, *each) for each in effect.parameters.items())
     ]
     mean = f", mean over {len(result.gap)} outputs" if len(result.gap) > 1 else ""
     removes = f"removes of the squared error{mean}"
@@ -309,10 +310,11 @@ def _rounds(rounds: Sequence[Round]) -> list[drawn.Round]:
 
 def _drawn(candidate: Ranked) -> drawn.Ranked:
     sizes = {
-        name.removeprefix(f"{candidate.name}."): drawn.Size(
-            value=size.value, low=size.low, high=size.high, unit=size.unit
+        name: drawn.Size(value=size.value, low=size.low, high=size.high, unit=size.unit)
+        for name, size in (
+            told(candidate.name, key.removeprefix(f"{candidate.name}."), each)
+            for key, each in candidate.parameters.items()
         )
-        for name, size in candidate.parameters.items()
     }
     return drawn.Ranked(
         name=candidate.name,

@@ -27,6 +27,7 @@ from wakedeploy.gap.systems.importance import (
     whole_percent,
 )
 from wakedeploy.gap.systems.kinds.library import plain
+from wakedeploy.gap.systems.told import told
 from wakedeploy.gap.wording import (
     DETAILS,
     counted,
@@ -211,9 +212,9 @@ def _open_class(result: Result, planned: "Planned | None") -> str:
 def _effects(answer: Answer) -> list[str]:
     lines = []
     for effect in answer.effects:
-        sizes = ", ".join(_size(*parameter) for parameter in effect.parameters.items())
-        told = filter(None, (sizes, removed_of(answer, effect)))
-        lines.append(f"  {effect.name}: {'; '.join(told)}.")
+        sizes = ", ".join(_size(*told(effect.name, *each)) for each in effect.parameters.items())
+        parts = filter(None, (sizes, removed_of(answer, effect)))
+        lines.append(f"  {effect.name}: {'; '.join(parts)}.")
     return lines
 
 

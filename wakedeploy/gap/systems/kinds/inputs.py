@@ -182,11 +182,11 @@ class RateLimit(InputKind):
 
     name = "rate-limit"
     phrase = "a limit to how fast {port} changes"
-    equation = "|u'| ≤ 1/slowness"
+    equation = "|u'| ≤ rate = 1/slowness"
     source = "Khalil, Nonlinear Systems, 2002"
     parameters = (
         Parameter("slowness", {"time": 1, "input": -1}, low=0.0, high=300.0,
-                  starts=(1.0, 4.0, 15.0), step=0.02, prior=30.0),
+                  starts=(1.0, 4.0, 15.0), step=0.02, prior=30.0, inverse="rate"),
     )  # fmt: skip
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:

@@ -35,7 +35,8 @@ class Parameter:
 
     The usual size is `share` times a product of the port's scales, as `of` says: a viscous
     coefficient is {"force": 1, "speed": -1}. A size whose neutral value is not 0 is a shape. With
-    an `origin`, as "lowest", they are counted from that scale.
+    an `origin`, as "lowest", they are counted from that scale. `inverse` is what 1/size is called
+    where people think in that.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Parameter:
     step: float = 1e-3
     prior: float = 2.0
     origin: str = ""
+    inverse: str = ""
 
     def size(self, scales: Scales) -> float:
         """The usual size, in the parameter's unit."""
