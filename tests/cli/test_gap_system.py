@@ -322,7 +322,9 @@ def test_a_share_that_is_not_the_whole_never_reads_as_the_whole():
     ],
 )
 def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdict, step, logs):
-    result = SimpleNamespace(verdict=verdict, moved={}, effects=["coulomb-friction@speed_mps"])
+    result = SimpleNamespace(
+        verdict=verdict, moved={}, rivals=[], effects=["coulomb-friction@speed_mps"]
+    )
     measured = (Path("a b.csv"), Path("c.csv"))
     told = next_commands(result, Path("robot.py"), measured, Path("columns.toml"), Path("gap"))
     words = shlex.split(told[-1])

@@ -55,6 +55,11 @@ def removed_of(answer: Answer, effect: Effect) -> str:
 
 def by_output(result: Result) -> list[str]:
     """Of each output, the error of forecasts before and after; of several, how much of it goes."""
+    if not result.effects:
+        return [
+            f"{name}: rms forecast error {quantity(error.before, error.unit)}"
+            for name, error in result.gap.items()
+        ]
     return [f"{name}: {_both(error)}{_gone(result, error)}" for name, error in result.gap.items()]
 
 
@@ -65,7 +70,7 @@ def _both(error: Error) -> str:
 
 def _gone(result: Result, error: Error) -> str:
     gone = 1.0 - _left(error) ** 2
-    if len(result.gap) < 2 or not result.effects or not math.isfinite(gone):
+    if len(result.gap) < 2 or not math.isfinite(gone):
         return ""
     if abs(gone) < _NOTHING:
         return "; its square stays"

@@ -32,6 +32,9 @@ def next_commands(
     logs = " ".join(searched + by)
     if result.verdict == "none" and not result.moved:
         return [f"wakedeploy gap power --system {system} {logs}"]
+    if result.verdict == "unknown" and result.rivals and not result.moved:
+        apart = f"wakedeploy gap plan --system {system} {logs} --out {folder}"
+        return [f"{apart} --write-input next.csv"]
     if result.verdict == "unknown" or result.moved or not result.effects:
         return [f"wakedeploy gap check {system} {logs}"]
     if result.verdict != "class":

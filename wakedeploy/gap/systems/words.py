@@ -28,6 +28,7 @@ from wakedeploy.gap.systems.importance import (
 )
 from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.systems.told import told
+from wakedeploy.gap.systems.unknown import unknown_step
 from wakedeploy.gap.wording import (
     DETAILS,
     counted,
@@ -171,7 +172,7 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
     if result.is_outdone:
         return "Check equations, units and signs: see what each constant moves."
     if result.verdict == "unknown":
-        return "See what these logs show and what looks alike; record one that excites it more."
+        return unknown_step(result)
     return "Use the system as it is. How small an effect these logs would show, `gap power` says."
 
 
