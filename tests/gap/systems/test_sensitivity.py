@@ -1,5 +1,7 @@
 """What `gap check` says of a system and its logs, before any fit."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -133,12 +135,12 @@ def test_a_state_that_nobody_tells_and_that_does_not_rest_is_told() -> None:
 
 
 def test_an_input_far_beyond_its_limits_is_told_and_a_little_beyond_is_not() -> None:
-    assert "from 39.62 to 40.5 1, far beyond the limits that it states, −0.9 to 0.9" in _notes(40.0)
+    assert "from 39.62 to 40.5, far beyond the limits that it states, −0.9 to 0.9" in _notes(40.0)
     assert "far beyond" not in _notes(0.5)
 
 
 def test_a_name_that_says_another_unit_is_told() -> None:
-    assert "input command_pct is taken in 1, and its name says %" in _notes(0.0)
+    assert "input command_pct is taken without a unit, and its name says %" in _notes(0.0)
     right = {"inputs": [Input("command_pct", "%")]}
     assert "its name says" not in _notes(0.0, **right)
 
@@ -152,3 +154,29 @@ def test_constants_that_no_fit_moves_are_listed_and_those_that_keep_their_sign()
     told = "\n".join(column_notes(LogModel(wide, [_swung(0.0)])))
     assert "constant leak may be on either side of 0, from \u22120.39 to 0.41." in told
     assert "constant flow_s keeps" not in told
+
+
+def test_a_column_without_a_unit_has_no_1_behind_its_range() -> None:
+    told = _notes(0.0).splitlines()
+    assert "input command_pct: −0.3751 to 0.5" in told
+    in_percent = {"inputs": [Input("command_pct", "%")]}
+    assert "input command_pct: −0.3751 to 0.5 %" in _notes(0.0, **in_percent).splitlines()
+
+
+def test_all_numbers_have_the_same_sign_for_minus() -> None:
+    held = np.clip(np.sin(np.arange(400) / 10.0), -0.45, 0.9)
+    columns = {"command_pct": held, "flow": held}
+    told = column_notes(LogModel(_valve(), [Recording("made", np.arange(400) / 100.0, columns)]))
+    assert any("is at its least, −0.45, in" in note for note in told)
+    assert not any(re.search(r"-\d", note) for note in told)
+
+
+def test_a_constant_that_nobody_gave_a_unit_is_said_to_count_as_1() -> None:
+    half = Constant("half_track", 0.162, spread=0.01)
+    constants = [*Valve.constants, half, Constant("arm", 0.2)]
+    said = "without a unit, and count as 1: half_track, arm."
+    assert said in _notes(0.0, constants=constants)
+    assert "count as 1" not in _notes(0.0)  # it states unit="1"
+    assert "without a unit, and counts as 1: half_track." in _notes(
+        0.0, constants=[*Valve.constants, half]
+    )

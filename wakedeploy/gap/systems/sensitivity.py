@@ -119,7 +119,7 @@ def step_notes(model: LogModel, base: Fit) -> list[str]:
         off = np.median(np.abs(fine - coarse), axis=1)  # an unstable state sends some far off
     return [
         f"{output.name}: the model's steps are too coarse; over {_AHEAD} samples they are off by "
-        f"{error:.2g} {output.unit}, {error / noise:.2g} times its noise. {_finer(model, ratio)}"
+        f"{error:.2g}{_behind(output.unit)}, {ratio:.2g} times its noise. {_finer(model, ratio)}"
         for output, error in zip(model.system.outputs, off, strict=True)
         for noise in [float(np.exp(base.value(f"noise.{output.name}")))]
         for ratio in [float(error / noise)]
@@ -149,7 +149,7 @@ def _ranges(model: LogModel) -> list[str]:
     every = np.concatenate([np.concatenate([log.inputs, log.outputs]) for log in model.logs], 1)
     ends = zip(np.nanmin(every, axis=1), np.nanmax(every, axis=1), strict=True)
     return [
-        f"{name}: {minus(f'{low:.4g}')} to {minus(f'{high:.4g}')} {unit}"
+        f"{name}: {minus(f'{low:.4g}')} to {minus(f'{high:.4g}')}{_behind(unit)}"
         for (name, unit), (low, high) in zip(named, ends, strict=True)
     ]
 
@@ -159,7 +159,7 @@ def _names(model: LogModel) -> list[str]:
     stated = [("input", i.name, i.unit) for i in model.system.inputs]
     stated += [("output", o.name, o.unit) for o in model.system.outputs]
     return [
-        f"{what} {name} is taken in {_unit(unit)}, and its name says {named}; is its unit right?"
+        f"{what} {name} is taken {_taken_in(unit)}, and its name says {named}; is its unit right?"
         for what, name, unit in stated
         for named in [contradicted(name, unit)]
         if named is not None
@@ -179,7 +179,7 @@ def _limits(model: LogModel) -> list[str]:
         if max(low - float(row.min()), float(row.max()) - high) > _OUTSIDE * span:
             notes.append(
                 f"input {stated.name} goes from {minus(f'{row.min():.4g}')} to "
-                f"{minus(f'{row.max():.4g}')} {_unit(stated.unit)}, far beyond the limits that it "
+                f"{minus(f'{row.max():.4g}')}{_behind(stated.unit)}, far beyond the limits that it "
                 f"states, {limits}; is the column's unit right?"
             )
     return notes
@@ -190,6 +190,7 @@ def _constants(model: LogModel) -> list[str]:
     constants = model.system.constants
     exact = [c.name for c in constants if c.spread == 0.0]
     notes = [f"taken as exact, for want of a spread: {', '.join(exact)}."] if exact else []
+    notes += _unitless(model)
     notes += [
         f"constant {c.name} may be on either side of 0, from {minus(f'{c.low:.3g}')} to "
         f"{c.high:.3g}."
@@ -204,21 +205,41 @@ def _constants(model: LogModel) -> list[str]:
     ]
 
 
+def _unitless(model: LogModel) -> list[str]:
+    """Constants whose unit neither their name nor `unit` says."""
+    system = model.system
+    names = [
+        c.name for c in system.constants if not c.unit and system.unit_of_constant(c.name) == "1"
+    ]
+    if not names:
+        return []
+    what, count = ("constants", "count") if len(names) > 1 else ("constant", "counts")
+    return [
+        f"{what} without a unit, and {count} as 1: {', '.join(names)}. End the name in the unit, "
+        'as in arm_m, or state it: unit="m", or unit="1" for none.'
+    ]
+
+
 def _beginnings(model: LogModel) -> list[str]:
     """States whose beginning nobody tells, and that are not at rest where they begin."""
     rates = dict(zip(model.system.states, model.first_rates(), strict=True))
     return [
         f"state {name}: no output shows it, `start` does not give it, and the first sample, held, "
-        f"would not bring it to rest. It begins at 0, give or take {model.sizes[name]:.3g} "
-        f"{_unit(model.system.states[name])}: if that is too little, give it by `start`, or say by "
-        "start_spread how far from 0 it may be."
+        f"would not bring it to rest. It begins at 0, give or take {model.sizes[name]:.3g}"
+        f"{_behind(model.system.states[name])}: if that is too little, give it by `start`, or say "
+        "by start_spread how far from 0 it may be."
         for name in model.hidden
         if float(np.abs(rates[name]).max()) > _MOVING * model.sizes[f"d {name}"]
     ]
 
 
-def _unit(unit: str) -> str:
-    return unit or "1"
+def _behind(unit: str) -> str:
+    """A unit as it stands behind a number; nothing for none."""
+    return f" {unit}" if unit not in ("", "1") else ""
+
+
+def _taken_in(unit: str) -> str:
+    return f"in {unit}" if unit not in ("", "1") else "without a unit"
 
 
 def _notes(what: str, values: FloatArray) -> list[str]:
@@ -229,7 +250,9 @@ def _notes(what: str, values: FloatArray) -> list[str]:
     for end, word in ((values.max(), "most"), (values.min(), "least")):
         share = float(np.mean(values == end))
         if share > _STUCK and len(np.unique(values)) > 20:
-            notes.append(f"{what} is at its {word}, {end:.4g}, in {share:.1%} of the samples.")
+            notes.append(
+                f"{what} is at its {word}, {minus(f'{end:.4g}')}, in {share:.1%} of the samples."
+            )
     return notes
 
 
