@@ -12,6 +12,7 @@ from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.system import Point
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
 
@@ -140,6 +141,48 @@ def test_a_sound_system_passes():
 def test_what_does_not_fit_is_said_by_name(changes, said):
     with pytest.raises(UnusableInput, match=said):
         checked(_with(**changes))
+
+
+def _under(returned):
+    """An axis that distributes forces itself, and returns such a speed's rate."""
+    return _with(
+        derivative_under=lambda s, state, u, c, forces: {
+            "position_m": state.speed_mps,
+            "speed_mps": returned(u, c, forces),
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        lambda forces: forces.speed_mps,
+        lambda forces: forces["speed_mps"],
+        lambda forces: forces.get("speed_mps", 0.0),
+    ],
+)
+def test_forces_are_read_as_attributes_or_by_name_and_are_0_where_nothing_acts(force):
+    axis = checked(_under(lambda u, c, forces: (u.force_n + force(forces)) / c.mass_kg))
+    state = Point("state", {"position_m": 0.0, "speed_mps": 0.0})
+    inputs = Point("input", {"force_n": 1.0})
+    for acting, rate in (({}, 0.5), ({"speed_mps": 3.0}, 2.0)):
+        assert axis.rates(state, inputs, axis.values(), acting)["speed_mps"] == rate
+
+
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [
+        (lambda u, c, forces: forces.speed, r"force at 'speed' is not there.*: speed_mps"),
+        (lambda u, c, forces: forces["speed"], r"force at 'speed' is not there.*: speed_mps"),
+        (
+            lambda u, c, forces: u.force_n + forces.speed_mps,
+            "derivative_under gives another 'speed_mps' than derivative where no force acts",
+        ),
+    ],
+)
+def test_a_system_that_distributes_forces_wrongly_is_told_when_it_is_loaded(returned, said):
+    with pytest.raises(UnusableInput, match=said):
+        checked(_under(returned))
 
 
 @pytest.mark.parametrize("bounds", [{}, {"low": -8.5, "high": 7.5}])

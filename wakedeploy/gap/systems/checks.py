@@ -236,9 +236,24 @@ def _check_functions(system: System) -> None:
                     )
     state = Point("state", {n: tried[n] for n in system.states})
     inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
+    if system.takes_forces and not system.has_step:
+        _check_forces(system, state, inputs)
     for port in system.ports:
         if port.function is not None:
             _check_custom(system, port, state, inputs, shape)
+
+
+def _check_forces(system: System, state: Point, inputs: Point) -> None:
+    """Where no force acts `derivative_under` gives the derivative."""
+    c = system.values()
+    with np.errstate(all="ignore"):
+        plain, idle = system.rates(state, inputs, c), system.rates(state, inputs, c, {})
+    for name, value in plain.items():
+        if not np.allclose(value, idle[name], rtol=1e-6, atol=1e-9):
+            raise UnusableInput(
+                f"{system.name}.derivative_under gives another {name!r} than derivative where no "
+                "force acts; write both by one function of the forces."
+            )
 
 
 def _tried(system: System, shape: tuple[int, ...]) -> dict[str, FloatArray]:

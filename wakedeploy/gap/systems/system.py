@@ -137,9 +137,10 @@ class Port:
         """At the derivative of the state `speed`: a force over the constant `inertia`.
 
         Without an inertia an effect is an acceleration. `position` is the state whose derivative
-        the speed is; `height` one that is the height above ground. `friction` names the constant
-        that is the dry friction which the model knows of: it acts there beside the derivative, and
-        holds what stands, which no function of the speed can do.
+        the speed is, or another on which a force may depend, as a heading on a slope; `height` one
+        that is the height above ground. `friction` names the constant that is the dry friction
+        which the model knows of: it acts there beside the derivative, and holds what stands, which
+        no function of the speed can do.
         """
         return cls("force", speed, inertia, position, height, unit, tuple(kinds), friction)
 
@@ -196,6 +197,31 @@ class Point:
         raise AttributeError(f"{self.__dict__['_what']} {name!r} is not there; there are: {known}")
 
 
+class Forces(dict[str, Any]):
+    """Forces at ports by the states that they act on: `forces.speed_mps`, 0 where nothing acts.
+
+    `forces["speed_mps"]` is the same. A state without a force port is an error by name.
+    """
+
+    def __init__(self, acting: Mapping[str, Any], ports: Sequence[str]) -> None:
+        super().__init__(acting)
+        self._ports = ports
+
+    def __missing__(self, name: str) -> Any:
+        if name in self._ports:
+            return 0.0
+        known = ", ".join(self._ports) or "none"
+        raise KeyError(f"force at {name!r} is not there; there are ports at: {known}")
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            return self[name]
+        except KeyError as error:
+            raise AttributeError(error.args[0]) from None
+
+
 class System:
     """Derive from it, and state what the class attributes ask for.
 
@@ -204,7 +230,8 @@ class System:
     outputs that are not states; `start(measured)` for states that the first samples do not give:
     it is called with the first measured values and returns states by name.
     `derivative_under(state, inputs, c, forces)` is for a mechanism in which a force at one state's
-    port moves others too; `forces` are by the ports' states, and without it a force moves its own.
+    port moves others too; `forces` are by the ports' states, as `forces.speed_mps`, and 0 where
+    nothing acts. Without it a force moves its own state.
     `steps` are those of the model within a sample, which a system needs that is fast against
     `rate_hz`; inputs are then taken between the samples, as they hold.
     `process_noise` and `start_spread` override the library's guesses for states, by name; a
@@ -380,7 +407,8 @@ class System:
         method = "step" if self.has_step else "derivative"
         if forces is not None:
             method = "derivative_under"
-        extra = () if forces is None else (forces,)
+        ports = [port.name for port in self.ports if port.role == "force"]
+        extra = () if forces is None else (Forces(forces, ports),)
         returned = called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
         return complete(returned, self.states, f"{self.name}.{method}", "state")
 
