@@ -6,6 +6,7 @@ reading refuses it by name.
 """
 
 import re
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -170,7 +171,7 @@ def _seen(name: str, log: Log) -> _File:
 
 
 def _numeric(log: Log) -> list[Field]:
-    return [field for field in log.fields() if field.example is not None]
+    return [f for f in log.fields() if f.example is not None and not f.is_aside]
 
 
 # --- the columns
@@ -179,13 +180,40 @@ def _numeric(log: Log) -> list[Field]:
 def _entries(file: _File, base: Timing, taken: set[str]) -> Iterator[str]:
     if len(file.fields) > MOST_COLUMNS:
         yield f"\n# {len(file.fields) - MOST_COLUMNS} more columns are not listed."
+    same = _never_changing(file)
+    yield from _not_listed(file, same)
     for field in file.fields:
         seen = file.values.get(field.name)
-        if seen is None or len(seen) < 2:
+        if seen is None or len(seen) < 2 or field.name in same:
             continue
         yield from _entry(file, base, field, seen, taken)
     for quaternion in quaternions_in(file.values):
         yield from _entry_of_yaw(file, base, quaternion, taken)
+
+
+def _never_changing(file: _File) -> dict[str, float]:
+    """Fields of messages of a known type that have one number all along: such types have many."""
+    found = {}
+    for field in file.fields:
+        values = file.values.get(field.name)
+        if field.is_typed and values is not None and len(values) > 1 and np.ptp(values) == 0.0:
+            found[field.name] = float(values[0])
+    return found
+
+
+def _not_listed(file: _File, same: Mapping[str, float]) -> Iterator[str]:
+    """What is left out of a log of messages, said once."""
+    aside = [field for field in file.log.fields() if field.is_aside]
+    stamped = next((f.name for f in aside if f.name.endswith("header.stamp.sec")), None)
+    if any("covariance" in field.name for field in aside):
+        yield "\n# Not listed: covariances, which are no measurements."
+    if stamped is not None:
+        address = toml(stamped.removesuffix(".sec"))
+        yield f"\n# Not listed: stamps of headers; time = {address} takes that in its topic."
+    if same:
+        told = ", ".join(f"{plain_line(name)} {value:.4g}" for name, value in same.items())
+        yield "\n# Not listed, as they never change:"
+        yield textwrap.indent(textwrap.fill(told, 94, break_on_hyphens=False), "#   ")
 
 
 def _all_values(log: Log, fields: Sequence[Field]) -> dict[str, Values]:
@@ -294,6 +322,8 @@ def _range(there: Vector) -> str:
 
 def _unit(field: Field) -> tuple[str, str]:
     """A unit, and a remark on where it is from."""
+    if field.remark:
+        return "1", f"  # {field.remark}"
     if field.unit is not None:
         is_gravity = field.unit == "g" and re.match(r"a(cc|x|y|z)", field.name, re.I)
         if is_gravity:

@@ -37,13 +37,18 @@ _MAGIC = {
 class Field:
     """A column that a log has, by its address; `unit` where the format keeps one.
 
-    `topic` groups fields with one clock; `example` is the first sample, None for a text.
+    `topic` groups fields with one clock; `example` is the first sample, None for a text. `remark`
+    is on a unit that a format leaves open. A field of a message whose type is known `is_typed`; one
+    that `is_aside` is no measurement, as a covariance.
     """
 
     name: str
     topic: str = ""
     unit: str | None = None
     example: float | None = 0.0
+    remark: str = ""
+    is_typed: bool = False
+    is_aside: bool = False
 
 
 class Clock(NamedTuple):

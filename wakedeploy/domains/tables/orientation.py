@@ -45,8 +45,8 @@ def angle_of(place: Place, angle: Angle, parts: Sequence[Vector], notes: list[st
 
 
 def is_orientation(parts: Sequence[Vector]) -> bool:
-    """Whether four columns have one length all along, as a quaternion's have and no others."""
-    if len({len(part) for part in parts}) > 1:
+    """Whether four columns that move have one length all along, as a quaternion's have."""
+    if len({len(part) for part in parts}) > 1 or not any(np.ptp(part) for part in parts):
         return False
     length = np.sqrt((np.vstack(parts) ** 2).sum(axis=0))
     there = length[length > 0.0]

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.formats.ros_units import is_aside, remark_on, unit_of
 from wakedeploy.domains.tables.log import (
     Clock,
     Field,
@@ -63,7 +64,10 @@ class MessageLog:
             except UnusableInput as error:
                 self.notes.append(str(error).rstrip("."))
                 continue
-            found += [Field(f"{topic}.{name}", topic, example=example) for name, example in numbers]
+            found += [
+                Field(f"{topic}.{n.name}", topic, n.unit, 0.0, n.remark, n.is_typed, n.is_aside)
+                for n in numbers
+            ]
         return found
 
     def clock_of(self, address: str) -> Clock | None:
@@ -106,7 +110,7 @@ class MessageLog:
                 value = _at(fields, steps)
             except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
                 place = self.place(address, len(found[address]))
-                there = [f"{message.topic}.{name}" for name, _ in _numbers(fields)]
+                there = [f"{message.topic}.{number.name}" for number in _numbers(fields)]
                 refusal = missing(self.path, address, there)
                 raise UnusableInput(f"{refusal} ({place})") from error
             found[address].append(_stamp(value) if address in stamps else value)
@@ -180,15 +184,40 @@ def _stamp(value: Any) -> Any:
     return int(value) if isinstance(value, np.integer) else value
 
 
-def _numbers(fields: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, float | None]]:
-    """The numbers below some fields, each with the way to it and its value."""
+class _Number(NamedTuple):
+    """A number below some fields: the way to it, and what its message's type says of it."""
+
+    name: str
+    unit: str | None = None
+    remark: str = ""
+    is_typed: bool = False
+    is_aside: bool = False
+
+
+_WHOLE = _Number("")
+
+
+def _numbers(fields: Any, at: _Number = _WHOLE, depth: int = 0) -> Iterator[_Number]:
+    """The numbers below some fields."""
     if isinstance(fields, bool | int | float | np.number | np.bool_):
-        yield name, 0.0
+        yield at
     elif isinstance(fields, list | tuple | np.ndarray):
         for i, part in enumerate(fields[:_LONGEST_VECTOR] if depth < _DEEPEST else ()):
-            yield from _numbers(part, f"{name}[{i}]", depth + 1)
+            yield from _numbers(part, at._replace(name=f"{at.name}[{i}]"), depth + 1)
     elif not isinstance(fields, str | bytes | type(None)) and depth < _DEEPEST:
         parts = fields if isinstance(fields, Mapping) else getattr(fields, "__dict__", {})
+        kind = "" if isinstance(fields, Mapping) else str(getattr(fields, "__msgtype__", ""))
         for key, part in parts.items():
             if isinstance(key, str) and _STEP.fullmatch(key):
-                yield from _numbers(part, f"{name}.{key}" if name else key, depth + 1)
+                yield from _numbers(part, _below(at, kind, key), depth + 1)
+
+
+def _below(at: _Number, kind: str, key: str) -> _Number:
+    """A field of a message, or of one within it: what is said of it holds for all below."""
+    return _Number(
+        f"{at.name}.{key}" if at.name else key,
+        unit_of(kind, key) or at.unit,
+        remark_on(kind, key) or at.remark,
+        bool(kind) or at.is_typed,
+        is_aside(kind, key) or at.is_aside,
+    )
