@@ -2,8 +2,8 @@
 
 import functools
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,7 +21,7 @@ from wakedeploy.gap.systems.files import OF_MJCF, is_mjcf
 from wakedeploy.gap.systems.gantry.artefacts import Result
 from wakedeploy.gap.systems.gantry.findings import Retraining
 from wakedeploy.gap.systems.gantry.folder import Steps, prepare, read_steps
-from wakedeploy.gap.systems.own_folder import CORRECTION, planned_in
+from wakedeploy.gap.systems.own_folder import CORRECTION, planned_in, stated_in
 from wakedeploy.gap.systems.words import sentences
 from wakedeploy.rig.file import read_rig
 
@@ -46,15 +46,13 @@ class Gap:
     `result.json` of a rig and `domain.json` of a system: parameters with units and 90 % intervals,
     and the gap per channel before and after, each the RMS over the samples (T,) that were sealed,
     in the channel's unit (m for heights). `files` are sentences about further files that were
-    written, `next` the commands that may follow, `stated` a system's constants; all are empty
-    where they were read from a folder.
+    written, `next` the commands that may follow, both () where they were read from a folder.
     UnusableInput where the folder holds no result.
     """
 
     folder: Path
     files: tuple[str, ...] = ()
     next: tuple[str, ...] = ()
-    stated: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def read(cls, folder: PathLike) -> "Gap":
@@ -103,9 +101,9 @@ class Gap:
     def account(self) -> str:
         """The result in plain words, the verdict first."""
         if isinstance(self.result, SystemResult):
-            return "\n".join(
-                sentences(self.result, planned_in(self.folder, self.result), self.stated)
-            )
+            planned = planned_in(self.folder, self.result)
+            stated = stated_in(self.folder, self.result)
+            return "\n".join(sentences(self.result, planned, stated))
         from wakedeploy.gap.report.summary import account
 
         return account(self.steps.summary)
@@ -261,7 +259,7 @@ def close_gap(
             report=report,
             plan=plan,
         )
-        return Gap(Path(out), taken.exported, taken.next, taken.stated)
+        return Gap(Path(out), taken.exported, taken.next)
     if columns is not None:
         raise UnusableInput("columns are for a system of your own; flights of a rig need none.")
     rig_path = _rig_path(system)

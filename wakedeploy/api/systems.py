@@ -6,8 +6,8 @@ which the steps up to one have run.
 
 import os
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from wakedeploy.api.inputs import PathLike, Warn
@@ -37,15 +37,11 @@ Measured = Sequence[Recording | PathLike]
 
 @dataclass(frozen=True)
 class Taken:
-    """A step that was taken: what it told, files beside it, and the commands that may follow.
-
-    `stated` are the system's constants, each in its own unit.
-    """
+    """A step that was taken: what it told, files beside it, and the commands that may follow."""
 
     told: Artefact
     exported: tuple[str, ...] = ()
     next: tuple[str, ...] = ()
-    stated: Mapping[str, float] = field(default_factory=dict)
 
 
 def is_system(given: object) -> bool:
@@ -120,12 +116,12 @@ def take(
     progress("reading the logs")
     model = log_model(system, measured, columns, warn)
     model.require_effects()
-    stated = {constant.name: constant.value for constant in model.system.constants}
     with at_work(made(out)):
         folder = OwnFolder(model, out, progress, only)
         told = run(folder, step)
+        stated = folder.stated()
         if not isinstance(told, Result):
-            return Taken(told, tuple(folder.exported), stated=stated)
+            return Taken(told, tuple(folder.exported))
         planned = folder.plan() if plan else None
         after: list[str] = []
         logs = [Path(log) for log in measured if not isinstance(log, Recording)]
@@ -143,4 +139,4 @@ def take(
                 next_step=(next_step(told, planned), after),
                 stated=stated,
             )
-        return Taken(told, tuple(folder.exported), tuple(after), stated)
+        return Taken(told, tuple(folder.exported), tuple(after))

@@ -194,7 +194,7 @@ def run_steps(
                     system_path, measured, out, columns=columns, progress=progress, warn=warn
                 )
                 assert isinstance(gap.result, Result)
-                taken = Taken(gap.result, gap.files, gap.next, gap.stated)
+                taken = Taken(gap.result, gap.files, gap.next)
             else:
                 taken = take(step, system_path, measured, columns, out, progress, warn, only=only)
     except KeyboardInterrupt:
@@ -208,12 +208,12 @@ def run_steps(
 def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> None:
     """What a step told, the files that it left, and what may follow."""
     from wakedeploy.gap.search.artefacts import Answer, Result
-    from wakedeploy.gap.systems.own_folder import correction_told, planned_in
+    from wakedeploy.gap.systems.own_folder import correction_told, planned_in, stated_in
     from wakedeploy.gap.systems.words import sentences
 
     told = taken.told
     planned = planned_in(out, told) if isinstance(told, Result) else None
-    for sentence in sentences(told, planned, taken.stated):
+    for sentence in sentences(told, planned, stated_in(out, told)):
         click.echo(sentence)
     if only is not None:
         click.echo(f"Added as you asked: {only}, beside what is sure.")
