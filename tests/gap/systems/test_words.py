@@ -160,4 +160,6 @@ def test_constants_as_fitted_stand_in_the_details() -> None:
     told_of = [line for line in sentences(result(constants=many)) if line.startswith("    k")]
     assert len(told_of) == 12
     assert "    and 18 more, in the report" in sentences(result(constants=many))
+    alone = sentences(result(verdict="unknown", effects=[], **MOVED))
+    assert "  Constants, as fitted:" in alone
     assert not any("Constants" in line for line in sentences(result(verdict="none", effects=[])))

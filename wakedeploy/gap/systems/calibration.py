@@ -57,7 +57,8 @@ def constant_words(answer: Answer, stated: Stated) -> list[str]:
     ]
     more = len(rows) - len(lines)
     rest = [f"  and {more} more, in the report"] if more else []
-    return ["Constants, as fitted beside it:", *lines, *rest]
+    beside = " beside it" if answer.effects else ""
+    return [f"Constants, as fitted{beside}:", *lines, *rest]
 
 
 def _way(answer: Answer, name: str, stated: Stated) -> str:
