@@ -21,7 +21,7 @@ from wakedeploy.gap.systems.files import OF_MJCF, is_mjcf
 from wakedeploy.gap.systems.gantry.artefacts import Result
 from wakedeploy.gap.systems.gantry.findings import Retraining
 from wakedeploy.gap.systems.gantry.folder import Steps, prepare, read_steps
-from wakedeploy.gap.systems.own_folder import CORRECTION, planned_in, stated_in
+from wakedeploy.gap.systems.own_folder import CORRECTION, planned_in
 from wakedeploy.gap.systems.words import sentences
 from wakedeploy.rig.file import read_rig
 
@@ -102,8 +102,7 @@ class Gap:
         """The result in plain words, the verdict first."""
         if isinstance(self.result, SystemResult):
             planned = planned_in(self.folder, self.result)
-            stated = stated_in(self.folder, self.result)
-            return "\n".join(sentences(self.result, planned, stated))
+            return "\n".join(sentences(self.result, planned))
         from wakedeploy.gap.report.summary import account
 
         return account(self.steps.summary)

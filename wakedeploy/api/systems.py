@@ -119,7 +119,6 @@ def take(
     with at_work(made(out)):
         folder = OwnFolder(model, out, progress, only)
         told = run(folder, step)
-        stated = folder.stated()
         if not isinstance(told, Result):
             return Taken(told, tuple(folder.exported))
         planned = folder.plan() if plan else None
@@ -134,9 +133,8 @@ def take(
             write_page(
                 told,
                 out,
-                answers=first_screen(told, planned, stated),
+                answers=first_screen(told, planned),
                 remarks=remarks(told),
                 next_step=(next_step(told, planned), after),
-                stated=stated,
             )
         return Taken(told, tuple(folder.exported), tuple(after))

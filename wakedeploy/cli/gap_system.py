@@ -208,12 +208,12 @@ def run_steps(
 def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> None:
     """What a step told, the files that it left, and what may follow."""
     from wakedeploy.gap.search.artefacts import Answer, Result
-    from wakedeploy.gap.systems.own_folder import correction_told, planned_in, stated_in
+    from wakedeploy.gap.systems.own_folder import correction_told, planned_in
     from wakedeploy.gap.systems.words import sentences
 
     told = taken.told
     planned = planned_in(out, told) if isinstance(told, Result) else None
-    for sentence in sentences(told, planned, stated_in(out, told)):
+    for sentence in sentences(told, planned):
         click.echo(sentence)
     if only is not None:
         click.echo(f"Added as you asked: {only}, beside what is sure.")

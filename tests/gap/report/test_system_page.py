@@ -111,7 +111,7 @@ def test_what_is_left_beyond_noise_is_said_on_the_first_screen(friction, tmp_pat
 
 def test_constants_stand_beside_what_the_system_states(tmp_path: Path) -> None:
     base = {"value": 0.302, "low": 0.300, "high": 0.304, "unit": "m"}
-    write_page(result(constants={"base_m": base}), tmp_path, stated={"base_m": 0.325})
+    write_page(result(constants={"base_m": base}, stated={"base_m": 0.325}), tmp_path)
     page = (tmp_path / "report.html").read_text("utf-8")
     for cell in ("base_m", "0.325 m", "0.3020 m (0.3000 to 0.3040)"):
         assert f">{cell}</" in page
@@ -183,9 +183,17 @@ def test_what_is_sure_stands_before_a_class(tmp_path) -> None:
 
 @pytest.mark.parametrize("verdict", ["named", "none", "unknown"])
 def test_a_constant_that_was_moved_far_comes_before_any_answer(verdict: str) -> None:
-    told = result(moved={"mass_kg": 5.2, "push_n_per_v": -7.4}, verdict=verdict)
+    mass = {"value": 2.5, "low": 2.4, "high": 2.6, "unit": "kg"}
+    push = {"value": 0.3, "low": 0.2, "high": 0.4, "unit": "N/V"}
+    told = result(
+        moved={"mass_kg": 5.2, "push_n_per_v": -7.4},
+        constants={"mass_kg": mass, "push_n_per_v": push},
+        stated={"mass_kg": 2.0, "push_n_per_v": 1.0},
+        verdict=verdict,
+    )
     first, second, *_ = screen = first_screen(told)
-    assert "moved mass_kg by 5 and push_n_per_v by 7 of the spreads" in first
+    mass_moved, push_moved = "mass_kg (from 2 kg to 2.5 kg)", "push_n_per_v (from 1 N/V to 0.3 N/V)"
+    assert f"moved {mass_moved} by 5 and {push_moved} by 7 of the spreads" in first
     assert sum("search moved" in line for line in screen) == 1
     answer = first_screen(result(verdict=verdict))[0]
     with_it = "With that, nothing else that matters is missing from the system."

@@ -299,7 +299,7 @@ def test_a_constant_far_from_what_was_stated_is_doubted_first(mass_kg, last):
     answer = answer_of(named(model, fitted_base(model)))
     assert answer.moved["mass_kg"] > 5.0
     lines = sentences(answer)
-    assert "moved mass_kg by" in lines[0]
+    assert "moved mass_kg (from 2 kg to " in lines[0]
     assert lines[1] == last
 
 

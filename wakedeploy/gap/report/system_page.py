@@ -29,7 +29,7 @@ from wakedeploy.gap.search.artefacts import (
     SingleSteps,
     Trace,
 )
-from wakedeploy.gap.systems.calibration import NOT_AT_HAND, Stated, constant_rows
+from wakedeploy.gap.systems.calibration import constant_rows
 from wakedeploy.gap.systems.gantry import findings as drawn
 from wakedeploy.gap.systems.gantry.artefacts import Profile
 from wakedeploy.gap.systems.gantry.findings import Gap
@@ -79,20 +79,18 @@ def write_page(
     answers: Sequence[str] = (),
     remarks: Sequence[str] = (),
     next_step: tuple[str, Sequence[str]] | None = None,
-    stated: Stated = NOT_AT_HAND,
 ) -> Path:
     """Draw the figures and write `report.html` into `out`; returns the page's path.
 
     `answers` are the first screen, where there is more to say than the verdict, `remarks` what
-    stands in no table. `next_step` is a sentence, and commands to copy. `stated` are the system's
-    constants.
+    stands in no table. `next_step` is a sentence, and commands to copy.
 
     Raises UnusableInput when the page or a figure cannot be written.
     """
     title = f"Simulation against measurement: {result.domain}"
     accounts = [_account(title, result, out, "")]
     accounts[0]["remarks"] = remarks
-    accounts[0]["constants"] = _constants(result, stated)
+    accounts[0]["constants"] = _constants(result)
     if next_step is not None:
         why, commands = next_step
         accounts[0]["next"] = (f"Next step: {why[:1].lower()}{why[1:]}", commands)
@@ -198,9 +196,9 @@ def _sizes(result: Result) -> pages.Table:
     return pages.Table(columns, rows)
 
 
-def _constants(result: Result, stated: Stated) -> pages.Table | None:
+def _constants(result: Result) -> pages.Table | None:
     """As fitted beside what was found, and as the system states them."""
-    rows = [list(row) for row in constant_rows(result, stated)]
+    rows = [list(row) for row in constant_rows(result)]
     columns = ["constant", "stated", "fitted (90 % interval)"]
     return pages.Table(columns, rows) if rows else None
 

@@ -324,6 +324,7 @@ class Answer(Artefact):
     effects: list[Effect]
     parameters: Sizes
     constants: Sizes
+    stated: dict[str, Number] = {}  # the constants, as the system states them
     moved: dict[str, Number] = {}
     late: dict[str, Number] = {}
     noise: dict[str, Quantity]

@@ -75,6 +75,7 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         effects=[_effect(outcome, name, sizes) for name in outcome.found.hypothesis],
         parameters=sizes,
         constants=_constants(outcome.found),
+        stated=_stated(outcome.found),
         moved=_moved(outcome.found),
         late=_late(model, outcome.base),
         noise=_noise(outcome.found),
@@ -88,6 +89,11 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         found_theta=theta_of(outcome.found),
         base_theta=theta_of(outcome.base),
     )
+
+
+def _stated(found: Fit) -> dict[str, float]:
+    """What the system states of the constants that were fitted, by name."""
+    return {f.quantity: f.neutral for f in found.free if f.name.startswith("constant.")}
 
 
 def _late(model: Comparison, base: Fit) -> dict[str, float]:

@@ -1,28 +1,22 @@
 """The constants as they were fitted beside what was found, and those that moved too far.
 
-In: an answer, and what the system states where it is at hand. Out: sentences and rows.
+In: an answer. Out: sentences and rows.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 from wakedeploy.gap.search.artefacts import Answer
-from wakedeploy.gap.wording import UNKNOWN, listed, measured, minus, scale_of
-
-Stated = Mapping[str, float]  # of the constants, each in its own unit
-NOT_AT_HAND: Stated = MappingProxyType({})
+from wakedeploy.gap.wording import listed, measured, minus, scale_of
 
 _GAINS = ("gain", "sensor-gain")  # kinds of effects that a constant may stand for
 _SPEAKS_NATS = 2.0  # about half of what a constant hides that moved by three spreads
 _MOST_TOLD = 12
 
 
-def moved_words(answer: Answer, stated: Stated) -> list[str]:
+def moved_words(answer: Answer) -> list[str]:
     """What to doubt where a constant left its spread, and what it may stand for."""
     if not answer.moved:
         return []
     each = [
-        f"{name}{_way(answer, name, stated)} by {abs(spreads):.0f}"
+        f"{name}{_way(answer, name)} by {abs(spreads):.0f}"
         for name, spreads in answer.moved.items()
     ]
     gains = [f"`{name}`" for name in _unnamed_gains(answer)]
@@ -34,41 +28,38 @@ def moved_words(answer: Answer, stated: Stated) -> list[str]:
     ]
 
 
-def constant_rows(answer: Answer, stated: Stated) -> list[tuple[str, str, str]]:
+def constant_rows(answer: Answer) -> list[tuple[str, str, str]]:
     """Name, stated value, fitted value with its interval, of each constant that was fitted."""
     return [
         (
             name,
-            _plainly(stated[name], [stated[name]], size.unit) if name in stated else UNKNOWN,
+            _plainly(answer.stated[name], [answer.stated[name]], size.unit),
             measured(size.value, size.low, size.high, size.unit),
         )
         for name, size in answer.constants.items()
     ]
 
 
-def constant_words(answer: Answer, stated: Stated) -> list[str]:
+def constant_words(answer: Answer) -> list[str]:
     """The constants in lines; of many the first, those that moved before the others."""
     if not answer.constants or (answer.verdict == "none" and not answer.moved):
         return []
-    rows = sorted(constant_rows(answer, stated), key=lambda row: row[0] not in answer.moved)
-    lines = [
-        f"  {name}: {'' if known == UNKNOWN else f'stated {known}, '}fitted {fitted}"
-        for name, known, fitted in rows[:_MOST_TOLD]
-    ]
+    rows = sorted(constant_rows(answer), key=lambda row: row[0] not in answer.moved)
+    lines = [f"  {name}: stated {known}, fitted {fitted}" for name, known, fitted in rows]
+    lines = lines[:_MOST_TOLD]
     more = len(rows) - len(lines)
     rest = [f"  and {more} more, in the report"] if more else []
     beside = " beside it" if answer.effects else ""
     return [f"Constants, as fitted{beside}:", *lines, *rest]
 
 
-def _way(answer: Answer, name: str, stated: Stated) -> str:
+def _way(answer: Answer, name: str) -> str:
     """` (from 0.325 m to 0.302 m)`."""
-    size = answer.constants.get(name)
-    if size is None:
-        return ""
-    both = [size.value, stated.get(name, size.value)]
-    begin = f"from {_plainly(stated[name], both, size.unit)} " if name in stated else ""
-    return f" ({begin}to {_plainly(size.value, both, size.unit)})"
+    size, stated = answer.constants[name], answer.stated[name]
+    begin, end = (
+        _plainly(value, [size.value, stated], size.unit) for value in (stated, size.value)
+    )
+    return f" (from {begin} to {end})"
 
 
 def _plainly(value: float, beside: list[float], unit: str) -> str:

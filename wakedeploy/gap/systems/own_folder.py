@@ -1,6 +1,6 @@
 """The steps of a user's system in a folder: what each leaves, and what the next one reads.
 
-In: a `LogModel` and a folder. Out: find.json, name.json, correction.toml, stated.json, of a class
+In: a `LogModel` and a folder. Out: find.json, name.json, correction.toml, of a class
 plan.json, and domain.json, which `gap.report.system_page` draws. What has run for the same system
 and logs, by the same rules, is not repeated.
 """
@@ -18,10 +18,9 @@ from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Answer, Artefact, Effect, Forecast, Number, Result, read
+from wakedeploy.gap.search.artefacts import Answer, Effect, Forecast, Result, read
 from wakedeploy.gap.search.comparison import theta_from
 from wakedeploy.gap.search.sizes import parameters
-from wakedeploy.gap.systems.calibration import NOT_AT_HAND, Stated
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.logs import LogModel
@@ -30,13 +29,7 @@ from wakedeploy.gap.systems.planning.plan import commanded, plan
 from wakedeploy.gap.systems.planning.planned import Planned, planned, unplannable
 from wakedeploy.gap.workflow import Folder
 
-CORRECTION, PLAN, STATED = "correction.toml", "plan.json", "stated.json"
-
-
-class StatedConstants(Artefact):
-    """stated.json: the system's constants as it states them, each in its own unit."""
-
-    constants: dict[str, Number]
+CORRECTION, PLAN = "correction.toml", "plan.json"
 
 
 class OwnFolder(Folder):
@@ -54,14 +47,6 @@ class OwnFolder(Folder):
         super().__init__(model, out, _key(model), model.horizon * model.dt_s, progress)
         self.log_model, self.only = model, only
         self.exported: list[str] = []
-
-    def stated(self) -> Stated:
-        """The system's constants, kept beside what the fits make of them."""
-        system = self.log_model.system
-        constants = {constant.name: constant.value for constant in system.constants}
-        kept = StatedConstants(domain=system.name, key=self.key, constants=constants)
-        kept.write(self.out / STATED)
-        return constants
 
     def add(self) -> Answer:
         """What was found, or the effect that was asked for, as a file that the system loads."""
@@ -149,12 +134,6 @@ def correction_told(out: Path, has_effects: bool) -> str:
         )
     what = "" if has_effects else " with the constants that nobody has measured, as fitted,"
     return f"Correction: {path},{what} for `gap simulate` and System.corrected()"
-
-
-def stated_in(out: Path, told: Artefact) -> Stated:
-    """The constants that the system of a step states; none where no step of this version ran."""
-    kept = read(out / STATED, StatedConstants, told.key)
-    return NOT_AT_HAND if kept is None else kept.constants
 
 
 def planned_in(out: Path, result: Result) -> Planned | None:

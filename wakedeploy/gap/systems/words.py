@@ -18,7 +18,7 @@ from wakedeploy.gap.search.artefacts import (
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
-from wakedeploy.gap.systems.calibration import NOT_AT_HAND, Stated, constant_words, moved_words
+from wakedeploy.gap.systems.calibration import constant_words, moved_words
 from wakedeploy.gap.systems.importance import (
     by_output,
     importance,
@@ -50,9 +50,7 @@ _FAR_AHEAD = (
 _MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
 
-def sentences(
-    artefact: Artefact, planned: "Planned | None" = None, stated: Stated = NOT_AT_HAND
-) -> list[str]:
+def sentences(artefact: Artefact, planned: "Planned | None" = None) -> list[str]:
     """The lines that a command prints; `planned` is what a plan for its class came to.
 
     `stated` are the system's constants, where it is at hand.
@@ -62,18 +60,16 @@ def sentences(
     assert isinstance(artefact, Answer)
     detail = [*_effects(artefact), *(f"  {remark}" for remark in remarks(artefact))]
     if not isinstance(artefact, Result):
-        return [*_verdict(artefact, stated), *detail]
+        return [*_verdict(artefact), *detail]
     detail += [f"  {line}" for line in by_output(artefact)]
-    detail += [f"  {line}" for line in constant_words(artefact, stated)]
-    return [*first_screen(artefact, planned, stated), *([DETAILS] if detail else []), *detail]
+    detail += [f"  {line}" for line in constant_words(artefact)]
+    return [*first_screen(artefact, planned), *([DETAILS] if detail else []), *detail]
 
 
-def first_screen(
-    result: Result, planned: "Planned | None" = None, stated: Stated = NOT_AT_HAND
-) -> list[str]:
+def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
     """The verdict, and three answers."""
     return [
-        *_verdict(result, stated),
+        *_verdict(result),
         f"Does it matter? {importance(result)}",
         f"How sure is that? {_certainty(result)}",
         f"What next? {next_step(result, planned)}",
@@ -99,9 +95,9 @@ def _found(disagreements: Disagreements) -> list[str]:
     return lines
 
 
-def _verdict(answer: Answer, stated: Stated) -> list[str]:
+def _verdict(answer: Answer) -> list[str]:
     """What the system lacks; before it, what speaks against any answer."""
-    return [*late_words(answer.late), *moved_words(answer, stated), _lacking(answer)]
+    return [*late_words(answer.late), *moved_words(answer), _lacking(answer)]
 
 
 def _lacking(answer: Answer) -> str:
