@@ -108,7 +108,8 @@ def corrections(model: LogModel, base: Fit) -> tuple[FloatArray, FloatArray]:
         states = run.states[:, :count, 0, s]
         log, at = model.logs[pieces.log[s]], pieces.sample[inside, s]
         inputs, steps = log.inputs[:, at], model.system.steps
-        driving = [log.driving[:, steps * at + j] for j in range(steps)]
+        means = log.driving.reshape(len(inputs), log.inputs.shape[1] * steps, -1).mean(2)
+        driving = [means[:, steps * at + j] for j in range(steps)]
         now, later = states[inside].T, states[inside + 1].T
         predicted = _advanced(model, now, driving, c)
         points.append(np.vstack([now, inputs]).T)

@@ -99,6 +99,33 @@ def test_what_both_sides_lack_is_named_at_both(hidden, names, size, truth):
         )
 
 
+def test_one_constant_that_explains_both_sides_is_named_alone():
+    """A kind at both motors gains as much, and takes two sizes for it."""
+
+    class Weak(Rover):
+        constants: ClassVar = [
+            Constant("mass_kg", MASS_KG),
+            Constant("inertia", INERTIA, unit="kg m^2"),
+            Constant("push_n_per_v", 1.6),
+            Constant("back", BACK, unit="N/(m/s)"),
+        ]
+        ports: ClassVar = [*Rover.ports, Port.constant("push_n_per_v", kinds=["scale"])]
+
+    model = LogModel(Weak(), [_driven(seed) for seed in (1, 2)])
+    naming = named(model, fitted_base(model))
+    assert naming.found.hypothesis == ("scale@push_n_per_v",)
+
+
+def test_ports_are_alike_that_take_the_same_unit():
+    model = LogModel(Rover(), [_driven(1)])
+    assert model.ports_alike("drift@left_v") == ["drift@right_v"]
+    assert model.ports_alike("coulomb-friction@left_mps") == ["coulomb-friction@right_mps"]
+    wind = [Input("left_v", "V"), Input("right_v", "m/s")]
+    assert not LogModel(type("Windy", (Rover,), {"inputs": wind})(), [_driven(1)]).ports_alike(
+        "drift@left_v"
+    )
+
+
 def test_what_one_side_lacks_is_named_at_that_side():
     class Lame(Rover):
         pass

@@ -92,7 +92,7 @@ def test_a_command_that_arrives_within_a_sample_acts_from_there_on(delay_s):
     """Its mean over the sample brings the right speed, and places that are off by millimetres."""
     log = _log(1, 200, delay_s, noise_m=0.0)
     model = LogModel(Cart(), [log])
-    model.filter._states[:, 0] = 0.0  # as it began: a first guess of a speed is none of this
+    model.filter.guesses[:, 0] = 0.0  # as it began: a first guess of a speed is none of this
     hypothesis = ("dead-time@command",)
     free = model.free(hypothesis)
     theta = neutral(free)
@@ -127,6 +127,53 @@ def test_a_state_that_nothing_shows_goes_along_as_the_model_has_it():
     assert model.hidden == ("force_n",)
     assert model._starts[0].states[2] == pytest.approx(force, abs=1e-6)
     assert model.sizes["force_n"] == pytest.approx(np.quantile(np.abs(force), 0.98))
+
+
+class Odometer(Driven):
+    """A state that only goes on stands beside the actuator."""
+
+    states: ClassVar = {**Driven.states, "way_m": "m"}
+
+    def derivative(self, state, inputs, c):
+        return {**super().derivative(state, inputs, c), "way_m": np.abs(state.v_mps)}
+
+
+@pytest.mark.parametrize("system", [Driven, Odometer])
+@pytest.mark.parametrize("tau_s", [0.002, 0.1, 20.0])
+def test_an_actuator_begins_where_its_command_had_brought_it(system, tau_s):
+    """However fast or slow it is, and whatever has no rest beside it."""
+
+    class Timed(system):
+        constants: ClassVar = [*Cart.constants, Constant("tau_s", tau_s, spread=0.1 * tau_s)]
+
+    command = np.full(100, 0.6) + 0.1 * np.sin(np.arange(100.0) / 3.0)
+    log = Recording("run", np.arange(100) / RATE, {"command": command, "x_m": _wave(100)})
+    model = LogModel(Timed(), [log])
+    assert model._starts[0].states[2, 0] == pytest.approx(GAIN_N * command[0])
+    assert model._starts[0].states[3:, 0] == pytest.approx(0.0)
+
+
+def test_a_long_log_is_followed_in_parts_that_agree():
+    command = _held(4, 14_000)
+    x, force = _moved(command, 0.0, tau_s=0.1)
+    log = Recording("run", np.arange(14_000) / RATE, {"command": command, "x_m": x})
+    guessed = LogModel(Driven(), [log, log])._starts
+    for each in guessed:
+        assert each.states[2] == pytest.approx(force, abs=1e-6)
+
+
+def test_a_state_that_would_run_away_without_readings_is_not_followed():
+    """A pole under feedback: alone it falls, and its usual size would be that of a fall."""
+
+    class Pole(Driven):
+        def derivative(self, state, inputs, c):
+            falls = {"force_n": 6.0 * state.force_n + c.gain_n * inputs.command}
+            return {**super().derivative(state, inputs, c), **falls}
+
+    log = Recording("run", np.arange(400) / RATE, {"command": _wave(400), "x_m": _wave(400)})
+    model = LogModel(Pole(), [log])
+    assert not model._starts[0].states[2].any()
+    assert model.sizes["force_n"] == pytest.approx(model.sizes["y x_m"])
 
 
 def test_a_beginning_that_is_stated_as_a_number_is_one_of_the_first_sample():

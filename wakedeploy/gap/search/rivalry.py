@@ -37,7 +37,8 @@ class Verdict:
 def rivals_with(best: Candidate, other: Candidate) -> bool:
     """Whether blocks do not agree that the best gains more than another.
 
-    What the stated spreads say of the constants that each needs counts as well, and is sure.
+    What their priors say of the parameters that each needs, of bent constants above all, counts as
+    well, and is sure.
     """
     apart, count = best.gains - other.gains, len(best.gains)
     reach = 0.0

@@ -244,10 +244,13 @@ def _is_something(effect: Candidate, chance: float) -> bool:
 def _twins(
     model: Comparison, outcome: Named, verdicts: Sequence[Verdict], progress: Progress
 ) -> Named | None:
-    """One kind at ports alike, if it gains at each of them.
+    """One kind at ports alike, if it gains at each of them, and no single effect explains as much.
 
-    Where another kind at the same ports is not told from it, the ports are asked one by one.
+    Where another kind at the same ports is not told from it, the ports are asked one by one. Beside
+    an open class no more is named at once.
     """
+    if outcome.rivals:
+        return None
     found, searched = outcome.found, outcome.rounds[-1]
     chance = searched["threshold_nats"]
     fitted = twins(model, found, verdicts, chance, RULES.most_effects)
@@ -256,7 +259,9 @@ def _twins(
     best, *others = fitted
     begun, before = crossed(model, outcome.base), crossed(model, found)
     verdict = _judged(model, begun, before, best.candidate, chance)
-    if verdict.why != ACCEPTED or verdict.weight is None:
+    singles = [v.candidate for v in verdicts if v.why == ACCEPTED]
+    is_needed = not any(rivals_with(best.candidate, single) for single in singles)
+    if verdict.why != ACCEPTED or verdict.weight is None or not is_needed:
         return None
     if any(rivals_with(best.candidate, other.candidate) for other in others):
         return _one_by_one(model, outcome, best, verdicts, progress)
@@ -267,7 +272,9 @@ def _twins(
     for name in best.names:
         mark(searched, name, ACCEPTED)
     weights = {**outcome.weights, **dict.fromkeys(best.names, verdict.weight)}
-    return replace(outcome, found=better, weights=weights)
+    restless = () if best.is_at_rest else best.names
+    unsettled = (*outcome.unsettled, *restless)
+    return replace(outcome, found=better, weights=weights, unsettled=unsettled)
 
 
 def _one_by_one(

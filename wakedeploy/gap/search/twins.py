@@ -5,7 +5,7 @@ best first. What both wheels of a robot lack turns it when it is added to one of
 gains, and forecasts get worse.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,11 +24,15 @@ _NEARLY = 0.5  # share of what a kind gains at one port, that it has to gain at 
 
 @dataclass(frozen=True, eq=False)
 class Twins:
-    """A kind at all ports alike: its `names`, the fit as one candidate, and the `first` of them."""
+    """A kind at all ports alike: its `names`, the fit as one candidate, and the `first` of them.
+
+    `is_at_rest` is whether repeating the fit moves none of its sizes.
+    """
 
     names: tuple[str, ...]
     candidate: Candidate
     first: Verdict
+    is_at_rest: bool
 
 
 def twins(
@@ -36,46 +40,45 @@ def twins(
 ) -> list[Twins]:
     """Kinds of the verdicts at all ports alike, the one that gains most first, or what is simpler.
 
-    Only those that gain `least_nats` at each port alone, and nearly as much as at the other ports.
-    None whose sizes may be nothing at one of them, or that would be more than `most_effects` with
-    those that were found.
+    Only those that gain `least_nats` at each port alone, nearly as much as at the other ports, and
+    `least_nats` more together than at any one. None whose sizes may be nothing at one of them, or
+    that would be more than `most_effects` with those that were found. A model that knows no ports
+    has no twins.
     """
+    ports_alike: Callable[[str], Sequence[str]] | None = getattr(model, "ports_alike", None)
+    if ports_alike is None:
+        return []
     fitted: list[Twins] = []
     gains = {v.candidate.name: v.candidate.gain_nats for v in verdicts}
     for verdict in verdicts:
-        alike = _at_ports_alike(model, found, verdict.candidate.name)
+        alike = [n for n in ports_alike(verdict.candidate.name) if n not in found.hypothesis]
         names = (verdict.candidate.name, *alike)
         least = max(least_nats, _NEARLY * verdict.candidate.gain_nats)
-        if any(gains.get(name, 0.0) < least for name in names):
+        if not alike or any(gains.get(name, 0.0) < least for name in names):
             continue
         is_known = any(set(names) == set(each.names) for each in fitted)
         too_many = len(found.hypothesis) + len(names) > most_effects
-        if not alike or is_known or too_many or len(fitted) == _MOST:
+        if is_known or too_many or len(fitted) == _MOST:
             continue
-        together = settled(model, _climbed(model, found, verdict.candidate.fit, names))[0]
-        if not any(is_nothing(together, name) for name in names):
-            fitted.append(Twins(names, candidate(found, names[0], together), verdict))
+        together, still = settled(model, _climbed(model, found, verdict.candidate.fit, names))
+        both = candidate(found, names[0], together)
+        needs_all = both.gain_nats - max(gains[name] for name in names) > least_nats
+        if needs_all and not any(is_nothing(together, name) for name in names):
+            fitted.append(Twins(names, both, verdict, still))
     return _simplest_first(sorted(fitted, key=lambda each: -each.candidate.gain_nats))
 
 
 def _simplest_first(fitted: list[Twins]) -> list[Twins]:
-    """What the best one only elaborates comes before it, where it gains as much."""
+    """What the best one only elaborates, where it gains as much, first; then none that does so."""
     for each in fitted[1:]:
         finer = all(map(elaborates, sorted(fitted[0].names), sorted(each.names)))
         if finer and rivals_with(fitted[0].candidate, each.candidate):
-            return [each, *(other for other in fitted if other is not each)]
-    return fitted
-
-
-def _at_ports_alike(model: Comparison, found: Fit, name: str) -> list[str]:
-    """Effects of the same kind, with sizes in the same units, that were not found."""
-    kind, units = name.partition("@")[0], [f.unit for f in model.effects[name]]
-    return [
-        other
-        for other, free in model.effects.items()
-        if other not in (name, *found.hypothesis)
-        and other.partition("@")[0] == kind
-        and [f.unit for f in free] == units
+            return [each, *(other for other in fitted[1:] if other is not each)]
+    best = fitted[:1]
+    return best + [
+        each
+        for each in fitted[1:]
+        if not all(map(elaborates, sorted(each.names), sorted(best[0].names)))
     ]
 
 

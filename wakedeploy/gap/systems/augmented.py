@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import FloatArray
+from wakedeploy.gap.systems.blocks import parts_in_step
 from wakedeploy.gap.systems.kinds.forces import AT_ONCE, At, DryFriction, ForceKind
-from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
+from wakedeploy.gap.systems.kinds.inputs import InputKind, Saturation, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind, SensorSaturation
 from wakedeploy.gap.systems.system import Point, Port, System
@@ -23,8 +24,6 @@ BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes 
 _BUMP_WIDTH = 0.75
 _CENTRES = np.array(BUMPS)
 _FARTHEST_BUMP = 6.0  # usual sizes; no bump reaches there
-WITHIN = 8  # parts of a step, in which effects at inputs are followed
-_EARLY = (0.5 - (np.arange(WITHIN) + 0.5) / WITHIN) / WITHIN
 FORM_SD = 0.05  # of the model-form term, as a share of the rate
 FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
 FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
@@ -51,6 +50,8 @@ class Acting:
         }
         # What is logged is cut last: a limit is one of readings, whatever else is wrong with them.
         self._of["output"].sort(key=lambda e: isinstance(e.kind, SensorSaturation))
+        # What is commanded is cut first, so that a limit beyond all commands does nothing.
+        self._of["input"].sort(key=lambda e: not isinstance(e.kind, Saturation))
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
         self._smooth = [e for e in self._of["force"] if e not in self._dry]
         self._known = {p.name: p for p in system.ports if p.friction}
@@ -59,27 +60,30 @@ class Acting:
         self._constants = {c.name: c.value for c in system.constants}
         self._outputs = [o.name for o in system.outputs]
         late = {e.port.name for e in self._of["output"] if e.own_states}
-        self.is_late = bool(late and late & system.direct_outputs())
+        self.is_late = bool(late and late & system.direct_outputs)
 
     def column(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
-        """What of an input (n,) in every step reaches the system, under scalar values, (2, n).
+        """What of an input (n · parts,) reaches the system in every step, under scalar values.
 
-        Its mean over each step, and how much more of it comes early in the step than late: the
-        integral of (1/2 - s) u over the share s of the step. What comes early has longer to act.
+        (2, n): its mean over each step, and how much more of it comes early in the step than late,
+        the integral of (1/2 - s) u over the share s of the step. What comes early acts for longer.
         """
         parts = self.parts(name, driving, values)
-        return np.array([parts.mean(1), parts @ _EARLY])
+        count = parts.shape[1]
+        early = (0.5 - (np.arange(count) + 0.5) / count) / count
+        return np.array([parts.mean(1), (parts - parts[:, :1]) @ early])
 
     def parts(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
-        """The same in the parts of each step, (n, WITHIN): effects act between the samples, too."""
-        column, step_s = np.repeat(driving, WITHIN), self.system.step_s / WITHIN
+        """The same in the parts of each step, (n, parts): effects act between the samples, too."""
+        count = parts_in_step(self.system)
+        column, step_s = driving, self.system.step_s / count
         for effect in self._of["input"]:
             if effect.port.name == name:
                 kind = effect.kind
                 assert isinstance(kind, InputKind)
                 column = kind.filtered(column, effect.parameters(values), step_s)
         late = shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
-        return late.reshape(-1, WITHIN)
+        return late.reshape(-1, count)
 
     def depends(self, name: str) -> tuple[str, ...]:
         """The parameters that change an input's column."""
@@ -405,7 +409,10 @@ class Acting:
             kind = effect.kind
             assert isinstance(kind, OutputKind)
             mine = tuple(named[n] for n in effect.own_states)
-            rates = kind.own_rates(shown[effect.port.name], mine, effect.parameters(values))
+            p = effect.parameters(values)
+            rates = kind.own_rates(
+                shown[effect.port.name], mine, p, self._dt_s, self.system.has_step
+            )
             for name, rate in zip(effect.own_states, rates, strict=True):
                 own_rates[name] = self._advanced(named[name], rate)
 

@@ -25,6 +25,7 @@ BLOCKS, SHORTEST = 16, 40  # blocks in all, samples of one
 _PIECE, _WARM = 600, 60  # samples scored in a piece, and before
 _MOST_MISSING = 0.05
 _RATE_TOLERANCE = 0.01
+_WITHIN = 8  # parts of a sample, in which inputs are followed
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +33,8 @@ class Log:
     """A recording at the system's rate: inputs (i, n), outputs (m, n), NaN where not measured.
 
     Inputs are the means of the `rows` that a sample has, outputs the newest reading since the
-    sample before; `driving` (i, n · steps) is what inputs are in every step of the model, between
-    the samples too.
+    sample before; `driving` (i, n · steps · parts) is what inputs are in every part of each of the
+    model's steps, between the samples too.
     """
 
     name: str
@@ -105,7 +106,7 @@ def _log(system: System, recording: Recording) -> Log:
         recording.name,
         np.array(inputs).reshape(len(inputs), n),
         np.array(outputs),
-        np.array(driving).reshape(len(inputs), n * system.steps),
+        np.array(driving).reshape(len(inputs), n * system.steps * parts_in_step(system)),
         every,
     )
 
@@ -118,18 +119,16 @@ def _readings(rows: FloatArray, every: int) -> FloatArray:
     return np.asarray(each[np.arange(len(each)), newest])
 
 
+def parts_in_step(system: System) -> int:
+    """In how many parts of each of the model's steps inputs are followed."""
+    return max(_WITHIN // system.steps, 1)
+
+
 def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:
-    """An input in each of the model's steps, of `every` rows in a sample."""
-    finer, remainder = divmod(system.steps, every)
-    if finer and not remainder:
-        return between(rows, stated.hold, finer)
-    coarser, remainder = divmod(every, system.steps)
-    if remainder:
-        raise UnusableInput(
-            f"{system.name}.steps = {system.steps}, and a sample has {every} rows; give a divisor "
-            "or a multiple of that."
-        )
-    return np.asarray(between(rows, stated.hold, 1).reshape(-1, coarser).mean(1))
+    """An input in each part of the model's steps: its mean there, of `every` rows in a sample."""
+    parts = system.steps * parts_in_step(system)
+    finer = parts // math.gcd(parts, every)
+    return np.asarray(between(rows, stated.hold, finer).reshape(-1, finer * every // parts).mean(1))
 
 
 def _column(recording: Recording, name: str) -> FloatArray:

@@ -10,7 +10,7 @@ Automatica 40, 2004, whose estimates are those of an extended Kalman filter, too
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from wakedeploy.gap.evidence.fits import LOST_NATS, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
-from wakedeploy.gap.systems.blocks import Block, Log, Pieces, pieces_of
+from wakedeploy.gap.systems.blocks import Block, Log, Pieces, parts_in_step, pieces_of
 from wakedeploy.gap.systems.kinds.inputs import InputKind
 from wakedeploy.gap.systems.system import System
 from wakedeploy.physics.kalman import corrected, stepped
@@ -27,7 +27,6 @@ from wakedeploy.physics.series import IntArray
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _OWN_STATES = 6  # samples more that settle what effects may add; the same for every hypothesis
-_SETTLES = 500  # samples after which what comes to rest has come to rest
 _LOST = 1e12  # usual sizes: a state that far away has left the model
 
 
@@ -102,7 +101,7 @@ class Noise:
         return cls(sensor, system.steps**0.5 * rows("force"), lasting, keep, fresh)
 
 
-class _Stepping:
+class Stepping:
     """Takes lanes of states and covariances a step on; without noise nothing disturbs them."""
 
     def __init__(
@@ -121,7 +120,7 @@ class _Stepping:
     ) -> None:
         """Change `x` (k + d, L) and `p` in place; `given` are constants, values, time."""
         acting, k = self._acting, len(self._aside)
-        points, inputs = _around(x, self._aside, self._points), u.mean
+        points, inputs = points_around(x, self._aside, self._points), u.mean
         if u.early and not acting.system.has_step:
             points = np.concatenate([points, points[:, :1]], axis=1)
             inputs = {n: np.vstack([*[mean] * (k + 1), mean + u.early[n]])
@@ -132,7 +131,7 @@ class _Stepping:
                 *acting.rubbed(x[:k], u.mean, *given))  # fmt: skip
 
 
-class _Inputs:
+class Inputs:
     """Columns (K, 2, N · steps) of every input by name: means, and what comes early in a step."""
 
     def __init__(self, columns: Mapping[str, FloatArray], begins: IntArray | None) -> None:
@@ -170,7 +169,11 @@ class Filter:
         self._logged = np.concatenate([log.inputs for log in logs], axis=1)
         self._driving = np.concatenate([log.driving for log in logs], axis=1)
         self._outputs = np.concatenate([log.outputs for log in logs], axis=1)
-        self._states = np.concatenate([s.states for s in starts], axis=1)
+        self.guesses = np.concatenate([s.states for s in starts], axis=1)
+
+    def ends(self, log: int) -> tuple[int, int]:
+        """Where a log begins and ends among all samples."""
+        return int(self._offset[log]), int(self._offset[log + 1])
 
     def run(
         self,
@@ -186,7 +189,7 @@ class Filter:
         count, parts = len(next(iter(values.values()))), pieces.sample.shape[1]
         lanes = count * parts
         at = pieces.sample + self._offset[pieces.log][None, :]
-        inputs, every = self._arriving(acting, values), np.arange(count)[:, None]
+        inputs, every = self.arriving(acting, values), np.arange(count)[:, None]
         spread = {n: np.repeat(v, parts)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         logged = self._outputs if outputs is None else outputs
@@ -197,8 +200,8 @@ class Filter:
             place = acting.states.index(name)
             p[place, place] = sd**2
         k, m = len(acting.states), len(logged)
-        aside = self._aside(acting, lanes)
-        stepping = _Stepping(acting, aside, noise, self._places(acting))
+        aside = self.aside(acting, lanes)
+        stepping = Stepping(acting, aside, noise, self._places(acting))
         statistics = np.empty((len(at), 4, m, lanes))
         states = np.empty((len(at), len(x), lanes))
         timeless = not any(e.port.role == "constant" for e in acting.effects)
@@ -214,7 +217,7 @@ class Filter:
             u = inputs.at(every, steps * here)
             if not timeless:
                 c = acting.constants(spread, time_s)
-            around = _around(x, aside, points)
+            around = points_around(x, aside, points)
             shown = acting.readings(around, u.mean, c, spread, time_s, (measured[t], sensor_sd),
                                     u.before)  # fmt: skip
             corrected(x, p, shown, aside, measured[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
@@ -259,10 +262,10 @@ class Filter:
         set_of = np.zeros(lanes, dtype=int) if chosen is None else np.array(chosen)[owner]
         spread = {n: v[set_of][None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
-        inputs = self._arriving(acting, values)
+        inputs = self.arriving(acting, values)
         x = np.ascontiguousarray(run.states[t0, : len(acting.states), set_of, s0].T)
         p = np.zeros((len(x), len(x), lanes))
-        stepping = _Stepping(acting, self._aside(acting, lanes))
+        stepping = Stepping(acting, self.aside(acting, lanes))
         dt_s, steps = 1.0 / acting.system.rate_hz, acting.system.steps
         last = len(run.states) - 1
         first = np.array([self.blocks[e].start for e in episodes])[owner]
@@ -293,11 +296,11 @@ class Filter:
         self, acting: Acting, values: Mapping[str, FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
         """States (k, n) and readings (m, n) of the first log, from its first sample on."""
-        inputs = self._arriving(acting, values)
+        inputs = self.arriving(acting, values)
         spread = {n: v[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1, None)
-        stepping = _Stepping(acting, self._aside(acting, 1))
+        stepping = Stepping(acting, self.aside(acting, 1))
         dt_s, steps = 1.0 / acting.system.rate_hz, acting.system.steps
         states, shown = [], []
         for t in range(self.logs[0].outputs.shape[1]):
@@ -312,47 +315,6 @@ class Filter:
                 stepping.on(x, p, u, c, spread, time_s)
         return np.array(states).T, np.array(shown).T
 
-    def followed(
-        self, acting: Acting, known: Mapping[str, FloatArray], anywhere: Sequence[str]
-    ) -> FloatArray:
-        """States (n, N) along every log: those `known` (N,) by name, the others as the model goes.
-
-        Those that begin `anywhere` begin where the first sample, held, would bring them to rest; if
-        it would not, and all others, as the logs' starts have them. Where they leave the model they
-        are at 0 again.
-        """
-        states = self._states.copy()
-        inputs = self._arriving(acting, {"nothing": np.zeros(1)})
-        values = {"nothing": np.zeros((1, len(self.logs)))}
-        begins, ends = self._offset[:-1], self._offset[1:]
-        stepping, steps = _Stepping(acting, self._aside(acting, len(begins))), acting.system.steps
-        told = [acting.states.index(n) for n in known]
-        row = np.array(list(known.values())).reshape(len(told), states.shape[1])
-        x, p = self._begin(acting, begins, 1, None)
-
-        def on(at: IntArray, time_s: float) -> None:
-            x[told] = row[:, at]
-            now_s = np.full((1, 1), time_s)
-            c = acting.constants(values, now_s)
-            for j in range(steps):
-                stepping.on(x, p, inputs.at(0, steps * at + j), c, values, now_s)
-            x[:, ~(np.abs(x).max(0) < _LOST)] = 0.0
-
-        first = x.copy()
-        for _ in range(_SETTLES):
-            before = x.copy()
-            on(begins, 0.0)
-        is_free = np.isin(acting.states, anywhere)[:, None]
-        moves = is_free & (np.abs(x - before) > _ASIDE * self._aside(acting, len(begins)))
-        x[:] = np.where(is_free & ~moves.any(0), x, first)
-        for t in range(int((ends - begins).max())):
-            at = np.minimum(begins + t, ends - 1)
-            goes_on = begins + t < ends
-            x[told] = row[:, at]
-            states[:, at[goes_on]] = x[:, goes_on]
-            on(at, t / acting.system.rate_hz)
-        return states
-
     def advanced(
         self,
         acting: Acting,
@@ -365,17 +327,18 @@ class Filter:
 
         Each of the model's steps is taken in `finer` ones, the inputs held over them all.
         """
-        inputs, lanes = self._arriving(acting, values), len(at)
+        inputs, lanes = self.arriving(acting, values), len(at)
         spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         x, p = self._begin(acting, at, 1, None)
-        stepping, step_s = _Stepping(acting, self._aside(acting, lanes)), acting.system.step_s
+        stepping, step_s = Stepping(acting, self.aside(acting, lanes)), acting.system.step_s
         for step in range(samples * acting.system.steps):
             here = acting.system.steps * at + step
             time_s = np.asarray(here * step_s, dtype=np.float64)[None, :]
             u, given = inputs.at(0, here), (acting.constants(spread, time_s), spread, time_s)
+            held = replace(u, early={})  # a finer step has none of what a whole one has early
             for _ in range(finer):
-                stepping.on(x, p, u, *given, step_s=step_s / finer)
+                stepping.on(x, p, held, *given, step_s=step_s / finer)
         return acting.readings(x[:, None, :], u.mean, *given, None, u.before)[:, 0]
 
     def _passed_over(self, measured: FloatArray, pieces: Pieces) -> npt.NDArray[np.bool_]:
@@ -391,10 +354,11 @@ class Filter:
         before = (count - known)[begins]
         return np.asarray(known & pieces.scored[:, None] & (count - before > 1))
 
-    def _arriving(self, acting: Acting, values: Mapping[str, FloatArray]) -> "_Inputs":
+    def arriving(self, acting: Acting, values: Mapping[str, FloatArray]) -> "Inputs":
         """Every input as it reaches the system in each of the model's steps."""
         count = len(next(iter(values.values())))
-        ends = acting.system.steps * self._offset
+        parts = acting.system.steps * parts_in_step(acting.system)
+        ends = parts * self._offset
         columns = {}
         for i, stated in enumerate(acting.system.inputs):
             names = [n for n in acting.depends(stated.name) if n in values]
@@ -409,10 +373,11 @@ class Filter:
                         for a, b in itertools.pairwise(ends)
                     ], axis=1)  # fmt: skip
                 rows.append(known[key])
-            shape = (count, 2, self._driving.shape[1])
+            shape = (count, *known[key].shape)
             alike = len(known) == 1  # as nearly always: then one row is enough for all
             columns[stated.name] = np.broadcast_to(rows[0], shape) if alike else np.array(rows)
-        return _Inputs(columns, ends[:-1] if acting.is_late else None)
+        begins = acting.system.steps * self._offset[:-1]
+        return Inputs(columns, begins if acting.is_late else None)
 
     def _unsettled(
         self, acting: Acting, values: Mapping[str, FloatArray], pieces: Pieces
@@ -440,7 +405,7 @@ class Filter:
         self, acting: Acting, at: IntArray, count: int, noise: "Noise | None"
     ) -> tuple[FloatArray, FloatArray]:
         """States and covariances at the first sample of every lane, lasting pushes after them."""
-        states = self._states[:, at]  # (n, S)
+        states = self.guesses[:, at]  # (n, S)
         sd = np.tile(self.starts[0].spread[:, None], (1, states.shape[1]))
         for effect in acting.effects:
             for _ in effect.own_states:
@@ -466,7 +431,8 @@ class Filter:
         """Where the driven states stand among all."""
         return np.array([acting.states.index(n) for n in self.driven], dtype=np.int64)
 
-    def _aside(self, acting: Acting, lanes: int) -> FloatArray:
+    def aside(self, acting: Acting, lanes: int) -> FloatArray:
+        """How far beside each state a Jacobian looks, (k, lanes)."""
         # What an effect adds at an input or a sensor is as large as that; of a force it is about 1.
         port_sizes = {
             name: effect.scales.sizes[effect.port.role]
@@ -478,7 +444,7 @@ class Filter:
         return np.tile(_ASIDE * np.array(sizes)[:, None], (1, lanes))
 
 
-def _around(x: FloatArray, aside: FloatArray, points: FloatArray | None = None) -> FloatArray:
+def points_around(x: FloatArray, aside: FloatArray, points: FloatArray | None = None) -> FloatArray:
     """The first k states of `x` (≥ k, L) and those beside them in each direction, (k, k + 1, L).
 
     `points`, if it is given, is where they are written.

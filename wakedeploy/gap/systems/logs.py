@@ -23,6 +23,7 @@ from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.blocks import Block, blocks_of, logs_of
 from wakedeploy.gap.systems.clocks import late_inputs
 from wakedeploy.gap.systems.filter import Filter, Run, Start
+from wakedeploy.gap.systems.following import followed
 from wakedeploy.gap.systems.guesses import Told, told
 from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.leftover import leftovers
@@ -216,6 +217,23 @@ class LogModel:
         groups = [simple[i : i + size] for i in range(0, len(simple), size)]
         return groups + [[n] for n in names if self.library[n].own_states]
 
+    def ports_alike(self, name: str) -> list[str]:
+        """The same kind at other ports of the same role and unit: at the other wheel's motor."""
+        mine = self.library[name]
+        return [
+            other
+            for other, effect in self.library.items()
+            if other != name
+            and effect.port.role in ("input", "force", "output")
+            and (effect.kind.name, effect.other) == (mine.kind.name, mine.other)
+            and (effect.port.role, self._unit(effect)) == (mine.port.role, self._unit(mine))
+        ]
+
+    def _unit(self, effect: Effect) -> str:
+        """Of what goes through an effect's port."""
+        scales = effect.scales.units
+        return scales.get(effect.port.role, "")
+
     def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
         """What still acts and is explained by nothing, as JSON has it; () far ahead."""
         if not self.is_pushed:
@@ -377,7 +395,10 @@ class LogModel:
         spread = np.zeros(len(self.system.states))
         alone = Filter(self.logs, (), [Start(g, spread) for g in guessed], self.driven)
         rows = {n: np.concatenate([k.along[n] for k in known]) for n in along}
-        states = alone.followed(Acting(self.system, (), self.sizes), rows, self.hidden)
+        acting, correction = Acting(self.system, (), self.sizes), self.system.correction
+        values = {} if correction is None else correction.values
+        constants = {n: v for n, v in values.items() if n.startswith("constant.")}
+        states = followed(alone, acting, rows, self.hidden, constants)
         ends = np.cumsum([log.outputs.shape[1] for log in self.logs])[:-1]
         return np.split(states, ends, axis=1)
 

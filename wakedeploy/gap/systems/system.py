@@ -5,6 +5,7 @@ functions are written for one point; they are called with arrays whose leading a
 they use numpy alone. `files` reads such a class from a file, `checks` tries it.
 """
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -354,6 +355,7 @@ class System:
             name for name in tried if not np.array_equal(self._probed(name)[1][state], rates[state])
         }
 
+    @functools.cached_property
     def direct_outputs(self) -> set[str]:
         """The outputs that an input changes at once, as a rate gyro of a car that is steered."""
         found = set[str]()

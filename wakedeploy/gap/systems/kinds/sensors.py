@@ -23,9 +23,14 @@ class OutputKind(Kind):
         raise NotImplementedError
 
     def own_rates(
-        self, value: FloatArray, own_states: tuple[FloatArray, ...], p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        p: Parameters,
+        dt_s: float,
+        discrete: bool,
     ) -> tuple[FloatArray, ...]:
-        """Derivatives of the kind's own states."""
+        """Derivatives of the kind's own states; of a `discrete` system, means over a sample."""
         return ()
 
     def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
@@ -189,10 +194,15 @@ class SensorLag(OutputKind):
         return np.asarray(own_states[0] + 0.0 * value)
 
     def own_rates(
-        self, value: FloatArray, own_states: tuple[FloatArray, ...], p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        p: Parameters,
+        dt_s: float,
+        discrete: bool,
     ) -> tuple[FloatArray, ...]:
         """Towards the value."""
-        return ((value - own_states[0]) / np.maximum(p["tau_s"], _SHORTEST_S),)
+        return ((value - own_states[0]) * _pace(p["tau_s"], dt_s, discrete),)
 
     def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
         """The mean of the response over a step."""
@@ -224,10 +234,15 @@ class SensorDeadTime(OutputKind):
         return np.asarray(2.0 * own_states[0] - value)
 
     def own_rates(
-        self, value: FloatArray, own_states: tuple[FloatArray, ...], p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        p: Parameters,
+        dt_s: float,
+        discrete: bool,
     ) -> tuple[FloatArray, ...]:
         """Towards the value, within half the delay."""
-        return ((value - own_states[0]) / np.maximum(0.5 * p["delay_s"], _SHORTEST_S),)
+        return ((value - own_states[0]) * _pace(0.5 * p["delay_s"], dt_s, discrete),)
 
     def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
         """The part of a step that is left once the delay is over."""
@@ -273,6 +288,14 @@ class ConstantDrift(ConstantKind):
 
 
 _SHORTEST_S = 1e-5
+
+
+def _pace(tau_s: FloatArray, dt_s: float, discrete: bool) -> FloatArray:
+    """Share of what a state is away from its value that goes in a second."""
+    tau_s = np.maximum(tau_s, _SHORTEST_S)
+    return np.asarray(-np.expm1(-dt_s / tau_s) / dt_s if discrete else 1.0 / tau_s)
+
+
 OUTPUT_KINDS = (
     SensorGain(), SensorBias(), SensorDrift(), SensorSaturation(), SensorFloor(), SensorLag(),
     SensorDeadTime(),

@@ -265,17 +265,12 @@ def _gain_of(written: Fitted, actuator: Actuator) -> Range:
 
 
 def _saturation(written: Fitted, actuator: Actuator, effect: Found) -> str:
-    """A limit to the command, as it is after the effects before it: a range of commands."""
+    """A limit to the command, which acts before all else: a range of commands."""
     limit = effect.parameters["limit"]
-    if ("actuator", actuator.name, "lag") in written.ranges:
-        return _without(effect, "it cuts what a lag has passed, and MuJoCo what is commanded")
     if not float(limit["value"]) > 0.0:
         return _without(effect, "it cuts all of the command")
-    factor, added = (r.nominal for r in written.commands.get(actuator.name) or _as_given(actuator))
     low, high = (
-        as_is("actuator", actuator.name, attribute, 0.0, limit["unit"])
-        .plus(limit, way)
-        .moved(added, factor)
+        as_is("actuator", actuator.name, attribute, 0.0, limit["unit"]).plus(limit, way)
         for attribute, way in (("ctrlrange[0]", -1.0), ("ctrlrange[1]", 1.0))
     )
     written.cut[actuator.name] = low, high

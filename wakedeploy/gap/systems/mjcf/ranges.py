@@ -59,11 +59,6 @@ class Range:
         nominal = self.nominal * float(size["value"])
         return replace(self, nominal=nominal, low=min(ends), high=max(ends), stated=None)
 
-    def moved(self, by: float, factor: float) -> "Range":
-        """The same less a constant, over a factor above 0."""
-        nominal, low, high = ((end - by) / factor for end in (self.nominal, self.low, self.high))
-        return replace(self, nominal=nominal, low=low, high=high)
-
     def row(self) -> dict[str, Any]:
         """As the file of ranges has it."""
         row = {f.name: getattr(self, f.name) for f in fields(self)}

@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.between import between
+from wakedeploy.gap.systems.blocks import parts_in_step
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.physics.friction import rubbed
 
@@ -33,9 +34,10 @@ def imagined(
     values = model.values(fitted.hypothesis, fitted.theta)
     random = np.random.default_rng(seed)
     steps, hold = model.system.steps, {i.name: i.hold for i in model.system.inputs}
+    finely = steps * parts_in_step(model.system)
     driven = {
         n: np.array(
-            [_finely(acting.parts(n, between(row, hold[n], steps), values)) for row in rows]
+            [_finely(acting.parts(n, between(row, hold[n], finely), values)) for row in rows]
         )
         for n, rows in columns.items()
     }
@@ -87,7 +89,9 @@ def _pushes(
 
 
 def _finely(parts: FloatArray) -> FloatArray:
-    """What an input is in the parts of every step, (n, WITHIN), as means (n, _FINE)."""
+    """What an input is in the parts of every step, (n, parts), in _FINE parts, (n, _FINE)."""
+    if parts.shape[1] < _FINE:
+        return np.repeat(parts, _FINE // parts.shape[1], axis=1)
     return np.asarray(parts.reshape(len(parts), _FINE, -1).mean(2))
 
 
