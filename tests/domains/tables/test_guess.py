@@ -1,5 +1,6 @@
 """A first columns.toml: the clock, the rate and what blanks mean, guessed and then read."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +170,32 @@ def test_a_column_has_the_clock_of_its_group_and_of_its_words(tmp_path: Path) ->
     guessed = guess_columns(archive(tmp_path / "log.npz", lengths))
     assert 'column = "a"\ntime = "t_a"' in guessed
     assert 'column = "b"\ntime = "t_b"' in guessed
+
+
+@pytest.mark.parametrize("kind", ["npz", "csv"])
+def test_a_column_has_the_stamps_with_its_word_though_the_first_clock_is_as_long(
+    kind: str, tmp_path: Path
+) -> None:
+    t = np.arange(500) / 100
+    columns = {"t": t, "q": np.sin(t), "t_cmd": t + 0.083, "cmd": np.cos(t)}
+    path = tmp_path / f"log.{kind}"
+    guessed = guess_columns(table(path, **columns) if kind == "csv" else archive(path, columns))
+    assert 'column = "cmd"\ntime = "t_cmd"  # ? by its name' in guessed
+    assert 'column = "q"\nrole' in guessed
+    assert "[columns.t_cmd]" not in guessed
+    (one,) = read(path, guessed)
+    late = np.floor((one.time_s - 0.083) * 100 + 1e-6) / 100
+    np.testing.assert_allclose(one.columns["cmd"], np.cos(late), atol=1e-6)
+
+
+@pytest.mark.parametrize("other", [lambda t: t, lambda t: 0.01 * t])
+def test_a_column_of_the_same_times_or_of_a_short_time_is_no_other_clock(
+    other: Callable[[np.ndarray], np.ndarray], tmp_path: Path
+) -> None:
+    """A time that a motor has run, say, is no stamp."""
+    t = np.arange(500) / 100
+    path = table(tmp_path / "log.csv", t=t, motor_time=other(t), motor_cmd=np.sin(t))
+    assert "\ntime = " not in guess_columns(path)
 
 
 EPOCH_S = 1_700_000_000

@@ -271,9 +271,17 @@ def _place(file: _File, base: Timing, name: str) -> Iterator[str]:
     timing = file.timing_of(name)
     own = (timing.column, timing.unit)
     if own[0] is not None and own != (base.column, base.unit):
-        yield f"time = {toml(own[0])}"
+        yield f"time = {toml(own[0])}{_doubt(file, name)}"
         if own[1] is not None:
             yield f"time_unit = {toml(own[1])}"
+
+
+def _doubt(file: _File, name: str) -> str:
+    """A mark where the file's first clock is as long as a column's own."""
+    own, first = file.timing_of(name).stamps_s, file.timing.stamps_s
+    if name not in file.clocks or own is None or first is None or len(own) != len(first):
+        return ""
+    return "  # ? by its name"
 
 
 def _missing(file: _File, name: str) -> Iterator[str]:

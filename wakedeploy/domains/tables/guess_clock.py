@@ -35,6 +35,10 @@ _TIME_NAMES = (
     r".*time.*|.*stamp.*",
 )
 _LIKE_TIME = r"t_\w+|\w+_t"  # a clock if it rises all along, which no torque does
+_WORD = r"[a-z]+"
+_WORDS_OF_TIME = frozenset(
+    re.findall(_WORD, "t time timestamp stamp stamps clock zeit s ms us ns sec secs seconds usec")
+)
 _FEW_STAMPS, _EVEN = 10, 0.5  # fewer say nothing; spread of most steps over the usual one
 _FEW_FALLS, _LONG_RUN = 5, 100  # of a clock that begins again; more falls have rows between them
 _FORMS = ("iso", "%Y-%m-%d %H:%M:%S:%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S")
@@ -265,6 +269,11 @@ def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing:
         if (found := even_clock(log, field)) is not None:
             return found
     return Timing(("rate_hz = 0  # not found in the log: give the samples a second",))
+
+
+def words_of(address: str) -> set[str]:
+    """The words of an address, without those that any clock may have."""
+    return set(re.findall(_WORD, address.lower())) - _WORDS_OF_TIME
 
 
 def _bare(field: Field) -> str:

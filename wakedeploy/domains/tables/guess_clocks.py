@@ -4,11 +4,14 @@ In: a log, its first clock and what its columns hold. Out: a `Timing` for each c
 another one.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 
-from wakedeploy.domains.tables.guess_clock import Timing, called_times, even_clock
+import numpy as np
+
+from wakedeploy.domains.tables.guess_clock import Timing, called_times, even_clock, words_of
 from wakedeploy.domains.tables.log import Field, Log, Values
+
+_MOST_TIMES, _SHORTEST_S = 2.0, 1e-9  # longer or shorter than the first clock; of any log
 
 
 def clocks_of(
@@ -37,30 +40,32 @@ def _even(
 
 
 def _clock_of(name: str, seen: Values, clocks: Sequence[Timing]) -> Timing:
-    """Of the clocks that are as long as a column, the one whose name has most of its words.
+    """Of the clocks that are as long as a column, that of its group, or with most of its words.
 
-    Where the first clock is as long, only one of the column's own group is nearer.
+    Where none is nearer the first one stays.
     """
+    first = clocks[0]
     fitting = [clock for clock in clocks if _fits(clock, seen)]
-    if clocks[0] in fitting:
-        group = _group(name)
-        own = [clock for clock in fitting if group and _group(clock.column or "") == group]
-        return (own or fitting)[0]
-    return max(fitting, key=lambda clock: _shared(clock.column or "", name), default=clocks[0])
+    if first in fitting:
+        fitting = [clock for clock in fitting if clock is first or _is_beside(clock, first)]
+    return max(fitting, key=lambda clock: _nearness(clock.column or "", name), default=first)
 
 
 def _fits(clock: Timing, seen: Values) -> bool:
     return clock.stamps_s is not None and len(clock.stamps_s) == len(seen)
 
 
-def _group(address: str) -> str:
-    return address.rpartition("/")[0]
+def _is_beside(clock: Timing, first: Timing) -> bool:
+    """Whether a clock tells other times than the first one, and as long a log."""
+    if clock.stamps_s is None or first.stamps_s is None:
+        return False
+    share = float(np.ptp(clock.stamps_s)) / max(float(np.ptp(first.stamps_s)), _SHORTEST_S)
+    is_as_long = 1.0 / _MOST_TIMES < share < _MOST_TIMES
+    return is_as_long and not np.array_equal(clock.stamps_s, first.stamps_s)
 
 
-def _shared(address: str, other: str) -> int:
-    """How many words two addresses share."""
-    return len(_words(address) & _words(other))
-
-
-def _words(address: str) -> set[str]:
-    return set(re.findall(r"[a-z]+", address.lower()))
+def _nearness(clock: str, column: str) -> tuple[bool, int]:
+    """Whether two addresses are of one group, and how many words they share."""
+    group = clock.rpartition("/")[0]
+    is_of_group = bool(group) and group == column.rpartition("/")[0]
+    return is_of_group, len(words_of(clock) & words_of(column))
