@@ -198,6 +198,31 @@ def test_a_column_of_the_same_times_or_of_a_short_time_is_no_other_clock(
     assert "\ntime = " not in guess_columns(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "other", "line"),
+    [
+        ("x_t", "u_t", 'column = "x_t"  # ? it rises; a position may, too'),
+        ("t_robot", "pose", 'column = "t_robot"  # ? it rises; a position may, too'),
+        ("t_pose", "pose", 'column = "t_pose"\n'),
+        ("pose_t", "pose", 'column = "pose_t"\n'),
+    ],
+)
+def test_what_rises_is_the_clock_of_a_column_with_its_word_or_a_guess(
+    name: str, other: str, line: str, tmp_path: Path
+) -> None:
+    """In a log of x_t and u_t the t may say: at that time."""
+    rng = np.random.default_rng(0)
+    columns = {name: np.cumsum(rng.uniform(0.01, 0.1, 300)), other: rng.standard_normal(300)}
+    assert line in guess_columns(table(tmp_path / "log.csv", **columns))
+
+
+def test_a_rate_that_a_log_has_comes_before_a_column_that_may_be_a_position(tmp_path: Path) -> None:
+    x = np.cumsum(np.random.default_rng(0).uniform(0.01, 0.1, 300))
+    guessed = guess_columns(archive(tmp_path / "log.npz", {"x_t": x, "u_t": -x, "fs": 50.0}))
+    assert "rate_hz = 50  # ? from" in guessed
+    assert "[columns.x_t]" in guessed
+
+
 EPOCH_S = 1_700_000_000
 
 

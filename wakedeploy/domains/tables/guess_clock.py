@@ -34,7 +34,7 @@ _TIME_NAMES = (
     r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
     r".*time.*|.*stamp.*",
 )
-_LIKE_TIME = r"t_\w+|\w+_t"  # a clock if it rises all along, which no torque does
+_LIKE_TIME = r"t_\w+|\w+_t"  # a column's clock if it rises all along, which no torque does
 _WORD = r"[a-z]+"
 _WORDS_OF_TIME = frozenset(
     re.findall(_WORD, "t time timestamp stamp stamps clock zeit s ms us ns sec secs seconds usec")
@@ -90,7 +90,16 @@ def timing_of(log: Log, fields: Sequence[Field]) -> Timing:
     for field in fields:  # texts that are dates are a clock, whatever they are called
         if field.example is None and (found := _clock(log, field)) is not None:
             return found
-    return _stated_rate(log, fields)
+    like = [field for field in fields if _is_like_time(field)]
+    for field in like:
+        if (found := even_clock(log, field)) is not None:
+            return found
+    if (found := _stated_rate(log, fields)) is not None:
+        return found
+    for field in like:  # of no column: a position may rise all along, too
+        if _rises(log, field) and (found := _clock(log, field)) is not None:
+            return _doubted(found, "it rises; a position may, too")
+    return Timing(("rate_hz = 0  # not found in the log: give the samples a second",))
 
 
 def called_times(log: Log, fields: Sequence[Field]) -> Iterator[Timing]:
@@ -99,7 +108,7 @@ def called_times(log: Log, fields: Sequence[Field]) -> Iterator[Timing]:
         for field in fields:
             if re.fullmatch(pattern, _bare(field)) and (found := _clock(log, field)) is not None:
                 yield found
-    likely = [f for f in fields if re.fullmatch(_LIKE_TIME, _bare(f)) and _rises(log, f)]
+    likely = [f for f in fields if _is_of_a_column(f, fields) and _rises(log, f)]
     yield from (found for field in likely if (found := _clock(log, field)) is not None)
 
 
@@ -107,8 +116,13 @@ def even_clock(log: Log, field: Field) -> Timing | None:
     """A field as a clock by what it does; None for any other."""
     if not _rises_evenly(log, field) or (found := _clock(log, field)) is None:
         return None
-    column, *more = found.lines
-    return replace(found, lines=(f"{column}  # ? it rises evenly", *more))
+    return _doubted(found, "it rises evenly")
+
+
+def _doubted(clock: Timing, reason: str) -> Timing:
+    """A clock that is a guess, and says why."""
+    column, *more = clock.lines
+    return replace(clock, lines=(f"{column}  # ? {reason}", *more))
 
 
 def sampled_of(name: str, timing: Timing, values: Mapping[str, Values]) -> list[tuple[str, Vector]]:
@@ -254,8 +268,8 @@ def _rounded(rate_hz: float) -> float:
     return next((r for r in tries if abs(r / rate_hz - 1.0) <= _DIGITS), float(f"{rate_hz:.3g}"))
 
 
-def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing:
-    """A rate that stands in the log as a number, or a place for one."""
+def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing | None:
+    """A rate that stands in the log as a number, or a column that rises as stamps do."""
     for field in fields:
         name = field.name.lower()
         if field.example is None or name not in (*_RATE_NAMES, *_STEP_NAMES):
@@ -268,7 +282,20 @@ def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing:
     for field in by_unit:
         if (found := even_clock(log, field)) is not None:
             return found
-    return Timing(("rate_hz = 0  # not found in the log: give the samples a second",))
+    return None
+
+
+def _is_like_time(field: Field) -> bool:
+    """Whether a name may be that of a clock, or of a column at a time: `t_cmd`, `x_t`."""
+    return re.fullmatch(_LIKE_TIME, _bare(field)) is not None
+
+
+def _is_of_a_column(field: Field, fields: Sequence[Field]) -> bool:
+    """Whether a name is that of another column's clock: `t_cmd` beside `cmd`."""
+    if not _is_like_time(field):
+        return False
+    own, others = words_of(_bare(field)), (f for f in fields if not _is_like_time(f))
+    return any(own & words_of(_bare(other)) for other in others)
 
 
 def words_of(address: str) -> set[str]:
