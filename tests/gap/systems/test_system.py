@@ -9,7 +9,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
-from wakedeploy.gap.systems.checks import checked
+from wakedeploy.gap.systems.checks import _tried, checked
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import Point
@@ -103,7 +103,8 @@ def test_a_sound_system_passes():
         ({"constants": [Constant("mass_kg", 2.0, spread=-1.0)]}, "spread"),
         (
             {"constants": [Constant("mass_kg", 2e-4, spread=0.1)]},
-            r"spread of 0\.1, 500 times its value.*inertia of the port 'speed_mps'.*spread=2e-05",
+            r"spread of 0\.1, 500 times its value.*inertia of the port 'speed_mps'.*Bound "
+            r"it with low and high, or .*spread=2e-05",
         ),
         (
             {"constants": [Constant("mass_kg", 50.0, spread=200.0)], "ports": []},
@@ -193,6 +194,22 @@ def test_an_offset_near_zero_may_turn(bounds):
     (free,) = LogModel(checked(_with(constants=[mass, offset])), [_recording()])._constants()
     assert (free.low, free.high, free.step) == (-8.5, 7.5, 0.04)
     assert free.neutral == -0.5
+
+
+def test_a_constant_is_not_blamed_for_points_at_which_no_value_gives_a_number():
+    """A root of a speed gives none below a speed that the first look happens not to reach."""
+    lowest = _tried(_with(), (3, 5))["speed_mps"].min()
+    assert lowest > _tried(_with(), (20,))["speed_mps"].min()
+
+    def derivative(self, state, inputs, c):
+        return {
+            "position_m": np.sqrt(state.speed_mps - lowest),
+            "speed_mps": (inputs.force_n + c.buoyancy_n) / c.mass_kg,
+        }
+
+    constants = [Constant("mass_kg", 2.0), Constant("buoyancy_n", -0.5, spread=2.0)]
+    system = checked(_with(constants=constants, derivative=derivative))
+    assert system.constant("buoyancy_n").bounds == (-8.5, 7.5)
 
 
 def test_a_gain_of_the_wrong_sign_is_found_where_its_spread_lets_it_turn():

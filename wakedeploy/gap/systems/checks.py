@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import SHOWN_ALONE, is_known
@@ -22,6 +23,7 @@ Method = Callable[[Point, Point, Point], dict[str, Any]]
 HOLDS = ("step", "linear", "bandlimited")
 MOST_STEPS = 64
 _WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
+_POINTS = 20  # at which a constant is tried on either side of 0
 _FAR = 4.0  # spreads from its value: bounds of a constant whose spread lets it turn
 
 
@@ -55,8 +57,9 @@ def _bounded(system: _System, c: Constant) -> Constant:
     raise UnusableInput(
         f"{system.name}: constant {c.name!r} is {c.value:g} with a spread of {c.spread:g}, "
         f"{c.spread / abs(c.value):.0f} times its value, and so may be 0 or have the other sign, "
-        f"but {why}. A spread is in the constant's unit: write spread={0.1 * abs(c.value):.2g} for "
-        '10 % of it, or spread=float("inf") if nobody has measured it.'
+        f"but {why}. Bound it with low and high, or state another spread, which is in the "
+        f"constant's unit: write spread={0.1 * abs(c.value):.2g} for 10 % of it, or "
+        'spread=float("inf") if nobody has measured it.'
     )
 
 
@@ -66,23 +69,26 @@ def _unborne(system: _System, c: Constant) -> str:
         if c.name in (port.inertia, port.friction):
             what = "inertia" if c.name == port.inertia else "friction"
             return f"it is the {what} of the port {port.name!r}"
-    tried = _tried(system, (20,))
-    for value in (0.0, *c.bounds):
-        for method in (system.rates, system.readings):
-            if not _gives_numbers(system, method, tried, {c.name: value}):
+    tried = _tried(system, (_POINTS,))
+    for method in (system.rates, system.readings):
+        usual = _is_number(system, method, tried, {})
+        for value in (0.0, *c.bounds):
+            if np.any(usual & ~_is_number(system, method, tried, {c.name: value})):
                 return f"{_method(system, method)} gives no number where it is {value:.3g}"
     return ""
 
 
-def _gives_numbers(
+def _is_number(
     system: System, method: Method, tried: Mapping[str, FloatArray], constants: Mapping[str, float]
-) -> bool:
+) -> NDArray[np.bool_]:
+    """At which of the points (n,) a function gives finite numbers; nowhere if it fails."""
     try:
         with np.errstate(all="ignore"):
             given = _at(system, method, tried, constants)
     except UnusableInput:  # of what the function itself raises there
-        return False
-    return all(np.all(np.isfinite(value)) for value in given.values())
+        return np.zeros(_POINTS, dtype=bool)
+    finite = [np.broadcast_to(np.isfinite(value), _POINTS) for value in given.values()]
+    return np.asarray(np.logical_and.reduce(finite))
 
 
 def _check_statements(system: System) -> None:
