@@ -224,6 +224,20 @@ def test_a_moved_command_of_a_filter_lasts(tmp_path: Path) -> None:
     assert_same(tmp_path, Outside(command=lambda u: u + 0.1), act=0.1)
 
 
+@pytest.mark.parametrize("error", [-1.0, -1.2])
+@pytest.mark.parametrize("actuator", [GEARED, SERVO])
+def test_a_gain_that_leaves_nothing_of_a_command_is_said(
+    tmp_path: Path, actuator: str, error: float
+) -> None:
+    """A range of commands over a factor of 0 would have no end; one below 0 turns it round."""
+    system = written(tmp_path, actuator.replace("{more}", 'ctrlrange="-1 1"'))
+    gain = ("gain@drive_command", {"error": size(error)})
+    (sentence,) = system.export(answered(gain), tmp_path / "out")[1:]
+    assert "a command that is turned round or lost is none" in sentence
+    after = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED))
+    assert list(after.actuator_ctrlrange[0]) == [-1.0, 1.0]
+
+
 def test_a_servo_s_bias_goes_by_the_gain_that_was_fitted(tmp_path: Path) -> None:
     system = written(tmp_path, SERVO)
     told = answered(("bias@drive_command", {"bias": size(0.1)}), drive_kp=size(60.0, "N/m"))
