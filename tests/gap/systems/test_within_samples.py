@@ -1,5 +1,6 @@
 """What happens within a sample, and before the first: against exact solutions of a linear cart."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.linalg import expm
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import neutral
+from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.systems.logs import LogModel
@@ -252,3 +254,25 @@ def test_a_sensor_that_is_late_by_nothing_shows_what_an_input_does_at_once(kind,
     assert late[50] == pytest.approx(0.5 if kind == "dead-time" else 1 - 0.5 * (1 - np.exp(-2.0)))
     assert late[:50] == pytest.approx(0.0, abs=1e-9)
     assert np.all(np.diff(late) >= -1e-9)
+
+
+def test_a_delay_of_one_row_is_said_to_be_perhaps_the_log_s() -> None:
+    """Readings, and the command that follows them, in one row; in the next row it is seen."""
+    rng = np.random.default_rng(5)
+    steer = np.repeat(rng.uniform(-0.3, 0.3, 60), 10)
+    seen = np.concatenate([steer[:1], steer[:-1]])
+    columns = {"steer_rad": steer, "throttle": np.full(600, 0.4), "speed_mps": np.full(600, 1.6)}
+    columns["gyro_radps"] = 5.0 * np.tan(seen)
+    for name in ("speed_mps", "gyro_radps"):
+        columns[name] = columns[name] + 0.01 * rng.standard_normal(600)
+    model = LogModel(Car(), [Recording("drive", np.arange(600) / 50.0, columns)])
+    effect = ("dead-time@steer_rad",)
+    free = model.free(effect)
+    start = neutral(free)
+    start[[f.name for f in free].index("dead-time@steer_rad.delay_s")] = 0.015
+    found = fit(model, effect, range(model.episodes), start)
+    assert model.late_by_a_row(found) == ["dead-time@steer_rad"]
+    longer = [
+        0.06 if f.name.endswith("delay_s") else v for f, v in zip(free, found.theta, strict=True)
+    ]
+    assert not model.late_by_a_row(applied(model, replace(found, theta=np.array(longer))))

@@ -312,7 +312,8 @@ class Answer(Artefact):
 
     `rivals` are the effects that cannot be told apart, `parameters` those of all that was named.
     `moved` are constants that the fit has moved by more than three of their spreads, and by how
-    many. `late` are inputs that come later than the outputs that they drive, and by how many
+    many. `late_by_a_row` are delays of one sample, of what may have been logged a row too early.
+    `late` are inputs that come later than the outputs that they drive, and by how many
     seconds: two clocks, or a delay that the system has too much. With `is_outdone` the system's
     forecasts are no better than the last reading or the mean. With `is_far_ahead` it was asked to
     predict far ahead, as the next reading told too little.
@@ -327,6 +328,7 @@ class Answer(Artefact):
     stated: dict[str, Number] = {}  # the constants, as the system states them
     moved: dict[str, Number] = {}
     late: dict[str, Number] = {}
+    late_by_a_row: list[str] = []
     noise: dict[str, Quantity]
     rounds: list[Round]
     unsettled: list[str]

@@ -78,6 +78,7 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         stated=_stated(outcome.found),
         moved=_moved(outcome.found),
         late=_late(model, outcome.base),
+        late_by_a_row=_late_by_a_row(model, outcome.found),
         noise=_noise(outcome.found),
         rounds=rounds,
         unsettled=list(outcome.unsettled),
@@ -100,6 +101,12 @@ def _late(model: Comparison, base: Fit) -> dict[str, float]:
     """Inputs that come too late, by seconds, of a model that can tell."""
     asked: Callable[[Fit], dict[str, float]] | None = getattr(model, "late_inputs", None)
     return {} if asked is None else asked(base)
+
+
+def _late_by_a_row(model: Comparison, found: Fit) -> list[str]:
+    """Delays that may come from how rows were logged, of a model that can tell."""
+    asked: Callable[[Fit], list[str]] | None = getattr(model, "late_by_a_row", None)
+    return [] if asked is None else asked(found)
 
 
 def before_after(

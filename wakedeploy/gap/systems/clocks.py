@@ -1,8 +1,8 @@
-"""Inputs that come later in a log than the outputs that they drive: two clocks, or late stamps.
+"""What clocks and stamps of a log do that looks like an effect: inputs that come late, or outputs.
 
-In: a `LogModel` and the fit of the system as it is. Out: by how much such inputs are late. No
-effect makes an output move before its cause; a search that is asked all the same names what comes
-nearest.
+In: a `LogModel` and a fit. Out: inputs that come later than the outputs that they drive, which no
+effect does, and delays that may be rows of a log. A search that is asked all the same names what
+comes nearest.
 """
 
 import copy
@@ -24,6 +24,7 @@ _FEWEST, _MOST = 2, 64  # samples that an input may be late; one is a matter of 
 _NEAR = (1, 2, 4)  # samples that are always tried, and how many more that errors point at
 _LIKELY = 3
 _EARLIER, _LATER = 1, -1
+_ONE_ROW = 0.2  # of a sample, by which a delay of one may miss it
 
 
 def late_inputs(model: "LogModel", base: Fit) -> dict[str, float]:
@@ -34,6 +35,24 @@ def late_inputs(model: "LogModel", base: Fit) -> dict[str, float]:
         if samples:
             late[stated.name] = samples * model.dt_s
     return late
+
+
+def late_by_a_row(model: "LogModel", found: Fit) -> list[str]:
+    """Effects that were found to be delays of one sample, of a system that shows an input directly.
+
+    A controller that logs what it reads, and what it then commands, in one row makes them.
+    """
+    if not model.system.direct_outputs:
+        return []
+    late_s = {n: found.value(f"{n}.delay_s") for n in found.hypothesis if _is_delay(n)}
+    for name in late_s:  # an input's clock is within a sample, and free beside its delay
+        clock = f"clock.{model.library[name].port.name}"
+        late_s[name] += found.value(clock) if clock in found.names else 0.0
+    return [n for n, s in late_s.items() if abs(s / model.dt_s - 1.0) < _ONE_ROW]
+
+
+def _is_delay(name: str) -> bool:
+    return name.partition("@")[0] in ("dead-time", "sensor-dead-time")
 
 
 def _late_by(model: "LogModel", base: Fit, place: int) -> int:

@@ -21,11 +21,11 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.blocks import Block, blocks_of, logs_of
-from wakedeploy.gap.systems.clocks import late_inputs
+from wakedeploy.gap.systems.clocks import late_by_a_row, late_inputs
 from wakedeploy.gap.systems.filter import Filter, Run, Start
 from wakedeploy.gap.systems.following import followed
 from wakedeploy.gap.systems.guesses import Told, told
-from wakedeploy.gap.systems.kinds.library import Effect, offered
+from wakedeploy.gap.systems.kinds.library import Effect, offered, ports_alike
 from wakedeploy.gap.systems.leftover import leftovers
 from wakedeploy.gap.systems.system import Point, System
 
@@ -219,20 +219,7 @@ class LogModel:
 
     def ports_alike(self, name: str) -> list[str]:
         """The same kind at other ports of the same role and unit: at the other wheel's motor."""
-        mine = self.library[name]
-        return [
-            other
-            for other, effect in self.library.items()
-            if other != name
-            and effect.port.role in ("input", "force", "output")
-            and (effect.kind.name, effect.other) == (mine.kind.name, mine.other)
-            and (effect.port.role, self._unit(effect)) == (mine.port.role, self._unit(mine))
-        ]
-
-    def _unit(self, effect: Effect) -> str:
-        """Of what goes through an effect's port."""
-        scales = effect.scales.units
-        return scales.get(effect.port.role, "")
+        return ports_alike(self.library, name)
 
     def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
         """What still acts and is explained by nothing, as JSON has it; () far ahead."""
@@ -243,6 +230,10 @@ class LogModel:
     def late_inputs(self, base: Fit) -> dict[str, float]:
         """Inputs that come later than the outputs that they drive, and by how much [s]."""
         return late_inputs(self, base)
+
+    def late_by_a_row(self, found: Fit) -> list[str]:
+        """Delays of one sample, of a system that shows an input directly."""
+        return late_by_a_row(self, found)
 
     def with_effects(self, effects: Mapping[str, Effect]) -> "LogModel":
         """The same system that may lack these as well."""

@@ -79,6 +79,12 @@ def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
 def remarks(answer: Answer) -> list[str]:
     """What stands in no table: fits that were stopped, what is left, what was not named and why."""
     far = [_FAR_AHEAD] if answer.is_far_ahead else []
+    far += [
+        f"`{name}` is one sample. A controller that logs its readings and the command that follows "
+        "them in one row makes an output that shows the command directly so late: then nothing is "
+        "missing there, and the output's column wants shift_s of minus a sample."
+        for name in answer.late_by_a_row
+    ]
     return [*far, *_unsettled(answer), *_unexplained(answer), *_rejected(answer)]
 
 

@@ -16,6 +16,7 @@ from wakedeploy.gap.wording import with_name
 
 _ANGLES = ("rad",)
 _CUT = 3  # readings that are all the same, and the last to one side: cut there perhaps
+_ROLES_ALIKE = ("input", "force", "output")
 _STILL = 0.1  # of the usual size: nearer to 0 a sign may be about to turn
 KINDS_BY_ROLE: dict[str, tuple[Kind, ...]] = {
     "input": inputs.KINDS,
@@ -211,3 +212,17 @@ def force_unit(system: System, port: Port) -> str:
     inertia = system.unit_of_constant(port.inertia)
     known = {("kg", "m/s/s"): "N", ("kg m²", "rad/s/s"): "N m", ("kg m^2", "rad/s/s"): "N m"}
     return known.get((inertia, rate), f"{inertia} {rate}")
+
+
+def ports_alike(library: Mapping[str, Effect], name: str) -> list[str]:
+    """Effects of the same kind at other inputs, forces or outputs of the same unit."""
+    mine = library[name]
+    if mine.port.role not in _ROLES_ALIKE:
+        return []
+    return [n for n, e in library.items() if n != name and _at(e) == _at(mine)]
+
+
+def _at(effect: Effect) -> tuple[str, str, str, str]:
+    """Kind, what it comes from, role of the port, and the unit of what goes through it."""
+    role = effect.port.role
+    return effect.kind.name, effect.other, role, effect.scales.units.get(role, "")
