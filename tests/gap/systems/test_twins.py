@@ -33,8 +33,8 @@ class Rover(System):
         Constant("back", 8.8, spread=0.5, unit="N/(m/s)"),
     ]
     ports: ClassVar = [
-        Port.input("left_v", kinds=["drift", "gain", "dead-band"]),
-        Port.input("right_v", kinds=["drift", "gain", "dead-band"]),
+        Port.input("left_v", kinds=["drift", "gain"]),
+        Port.input("right_v", kinds=["drift", "gain"]),
         Port.force("left_mps", inertia="mass_kg", kinds=["coulomb-friction", "stribeck-friction"]),
         Port.force("right_mps", inertia="mass_kg", kinds=["coulomb-friction", "stribeck-friction"]),
     ]
@@ -57,7 +57,7 @@ class Rover(System):
 def _driven(seed: int, friction_n: float = 0.0, sag_per_s: float = 0.0) -> Recording:
     """Random steps of both motors, in small steps of Euler's method."""
     rng = np.random.default_rng(seed)
-    n = 600
+    n = 400
     volts = np.repeat(rng.uniform(-6.0, 6.0, (n // 20, 2)), 20, axis=0)
     speeds, shown, dt = np.zeros(2), np.empty((n, 2)), 1.0 / RATE / FINE
     for k in range(n):
