@@ -76,12 +76,18 @@ class Acting:
     def parts(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
         """The same in the parts of each step, (n, parts): effects act between the samples, too."""
         count = parts_in_step(self.system)
-        column, step_s = driving, self.system.step_s / count
+        column, step_s, in_sample = driving, self.system.step_s / count, count * self.system.steps
         for effect in self._of["input"]:
             if effect.port.name == name:
                 kind = effect.kind
                 assert isinstance(kind, InputKind)
-                column = kind.filtered(column, effect.parameters(values), step_s)
+                p = effect.parameters(values)
+                if kind.by_sample:
+                    samples = column.reshape(-1, in_sample).mean(1)
+                    held = kind.filtered(samples, p, in_sample * step_s)
+                    column = np.repeat(held, in_sample)
+                else:
+                    column = kind.filtered(column, p, step_s)
         late = shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
         return late.reshape(-1, count)
 

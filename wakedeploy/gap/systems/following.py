@@ -44,6 +44,21 @@ def followed(
         return alone.guesses
 
 
+def _kept(acting: Acting, told: Mapping[str, FloatArray]) -> list[str]:
+    """States that are not followed: those told, and those that these drive and follow themselves.
+
+    The speed of a measured position goes wherever the model's forces err, as nothing holds it.
+    """
+    system = acting.system
+    driven_by = {n: system.drivers(n) for n in system.states}
+    looped = [
+        n
+        for n in system.states
+        if n not in told and driven_by[n] & set(told) and any(n in driven_by[t] for t in told)
+    ]
+    return [*told, *looped]
+
+
 class _Follower:
     def __init__(
         self,
@@ -56,9 +71,11 @@ class _Follower:
         self._alone, self._acting = alone, acting
         self._values = {n: np.array([[v]]) for n, v in {"nothing": 0.0, **constants}.items()}
         self._inputs = alone.arriving(acting, {n: v[0] for n, v in self._values.items()})
-        self._told = [acting.states.index(n) for n in told]
-        self._rows = np.array(list(told.values())).reshape(len(told), alone.guesses.shape[1])
-        self._anywhere = [acting.states.index(n) for n in anywhere]
+        kept = _kept(acting, told)
+        self._told = [acting.states.index(n) for n in kept]
+        rows = [told.get(n, alone.guesses[i]) for n, i in zip(kept, self._told, strict=True)]
+        self._rows = np.array(rows).reshape(len(kept), alone.guesses.shape[1])
+        self._anywhere = [acting.states.index(n) for n in anywhere if n not in kept]
         self._hidden = [i for i in range(len(acting.states)) if i not in self._told]
         now_s = np.zeros((1, 1))
         self._given = (acting.constants(self._values, now_s), self._values, now_s)

@@ -6,6 +6,8 @@ moving then reaches the system from where no column says. What is late adds stat
 of a lag decay, that of a dead time ends with it.
 """
 
+from typing import ClassVar
+
 import numpy as np
 from scipy.signal import lfilter
 
@@ -19,6 +21,8 @@ _AHEAD = 3.0  # time constants
 
 class InputKind(Kind):
     """Acts on a column of the log."""
+
+    by_sample: ClassVar[bool] = False  # whether it acts on samples, and not on parts of them
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """What reaches the system, (n,), of what was logged, (n,)."""
@@ -195,9 +199,10 @@ class RateLimit(InputKind):
 
 
 class Hold(InputKind):
-    """The input is renewed once a period only."""
+    """The input is renewed once a period only; a controller has that of whole samples."""
 
     name = "sample-and-hold"
+    by_sample = True
     phrase = "a hold that renews {port} only once a period"
     equation = "u(t) = command(period ⌊t/period⌋)"
     source = "Åström and Wittenmark, Computer-Controlled Systems, 1997"
