@@ -17,7 +17,7 @@ _GROUPS = {"left_out": ("out",), "left_in": ("in",), "halves": ("first", "second
 
 
 def completed(new: Mapping[str, Any], earlier: Mapping[str, Any]) -> dict[str, Any]:
-    """The new record; parts that it has not asked are the earlier one's, marked by its commit."""
+    """The new record; parts that it has not asked are the earlier one's, marked by their commit."""
     known = {row["case"]: row for row in earlier["rows"]}
     rows = []
     for row in new["rows"]:
@@ -26,7 +26,7 @@ def completed(new: Mapping[str, Any], earlier: Mapping[str, Any]) -> dict[str, A
         for judged, parts in _GROUPS.items():
             if set(parts) <= set(row["answers"]) or not set(parts) <= set(old["answers"]):
                 continue
-            answers = {p: {**old["answers"][p], "commit": earlier["commit"]} for p in parts}
+            answers = {p: {"commit": earlier["commit"], **old["answers"][p]} for p in parts}
             full["answers"] |= answers
             full[judged] = old[judged]
         rows.append(full)

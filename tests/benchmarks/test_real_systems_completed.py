@@ -30,3 +30,13 @@ def test_a_record_that_has_all_parts_stays_as_it_is():
     old = {"commit": "a", "rows": [_row("x", "a", **whole)]}
     assert completed(new, old) == new
     assert _of_earlier(new["rows"]) == ""
+
+
+def test_parts_of_a_commit_before_the_earlier_one_keep_theirs():
+    new = {"commit": "c", "rows": [_row("x", "c", out="named")]}
+    kept = {"verdict": "none", "commit": "a"}
+    old = {"commit": "b", "rows": [_row("x", "b", out="named", **{"in": "none"})]}
+    old["rows"][0]["answers"] |= {"first": kept, "second": kept}
+    old["rows"][0]["halves"] = "same"
+    (row,) = completed(new, old)["rows"]
+    assert [row["answers"][p].get("commit") for p in ("in", "first", "second")] == ["b", "a", "a"]
