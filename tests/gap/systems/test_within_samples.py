@@ -276,3 +276,18 @@ def test_a_delay_of_one_row_is_said_to_be_perhaps_the_log_s() -> None:
         0.06 if f.name.endswith("delay_s") else v for f, v in zip(free, found.theta, strict=True)
     ]
     assert not model.late_by_a_row(applied(model, replace(found, theta=np.array(longer))))
+
+
+def test_a_state_that_has_no_number_on_the_way_to_rest_begins_as_it_did() -> None:
+    """A reservoir that nobody measures, under a pump that draws from it at first."""
+
+    class Reservoir(Driven):
+        def derivative(self, state, inputs, c):
+            flows = {"force_n": c.gain_n * inputs.command - 5.0 * np.sqrt(state.force_n)}
+            return {**super().derivative(state, inputs, c), **flows}
+
+    command = np.where(np.arange(100) < 5, -0.5, 0.5)
+    log = Recording("run", np.arange(100) / RATE, {"command": command, "x_m": _wave(100)})
+    model = LogModel(Reservoir(), [log])
+    assert np.isfinite(model._starts[0].states).all()
+    assert model._starts[0].states[2, 0] == 0.0

@@ -27,7 +27,7 @@ from wakedeploy.physics.series import IntArray
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _OWN_STATES = 6  # samples more that settle what effects may add; the same for every hypothesis
-_LOST = 1e12  # usual sizes: a state that far away has left the model
+_LOST = 1e12  # in its own unit: a state that far away has left the model
 
 
 @dataclass(frozen=True, eq=False)

@@ -142,13 +142,15 @@ class _Follower:
 
     def _rest(self, x: FloatArray, u: Driving) -> FloatArray:
         """The same of one lane, (n, 1): Newton's method on the states that have a rest."""
-        rates, slopes = self._slopes(x, u)
+        _, slopes = self._slopes(x, u)
         free = list(self._anywhere)
         fastest = max(float(np.abs(slopes).max()), 1e-300)
         free = [i for i in free if np.abs(slopes[i, free]).max(initial=0.0) > _SINGULAR * fastest]
         tried = x.copy()
         for _ in range(_NEWTON if free else 0):
             rates, slopes = self._slopes(tried, u)
+            if not (np.isfinite(rates).all() and np.isfinite(slopes).all()):
+                return x
             step = np.linalg.lstsq(slopes[np.ix_(free, free)], -rates[free], rcond=None)[0]
             tried[free, 0] += step
             if np.abs(step).max() <= _AT_REST * np.abs(tried - x).max():

@@ -224,8 +224,8 @@ def _beginnings(model: LogModel) -> list[str]:
     """States whose beginning nobody tells, and that are not at rest where they begin."""
     rates = dict(zip(model.system.states, model.first_rates(), strict=True))
     return [
-        f"state {name}: no output shows it, `start` does not give it, and the first sample, held, "
-        f"would not bring it to rest. It begins at 0, give or take {model.sizes[name]:.3g}"
+        f"state {name}: no output shows it, and `start` does not give it. It begins at 0, where it "
+        f"is not at rest, give or take {model.sizes[name]:.3g}"
         f"{_behind(model.system.states[name])}: if that is too little, give it by `start`, or say "
         "by start_spread how far from 0 it may be."
         for name in model.hidden
