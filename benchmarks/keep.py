@@ -100,12 +100,19 @@ def gap_domain(source: Path) -> None:
 
 
 def gap_benchmark(source: Path) -> None:
-    """The benchmark's lines, one for each case; each states its commit already."""
-    path = source / "cases.jsonl"
-    lines = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
-    stamped = [{"measured": _day(path)} | line for line in lines]
-    text = "".join(json.dumps(line) + "\n" for line in stamped)
-    write_text_whole(records.FOLDER / "gap-benchmark.jsonl", text)
+    """The benchmark's lines, one for each case; each states its commit already.
+
+    All cases take hours of a core. Lines of cases that this run has not done yet stay, with the day
+    and the commit that they state.
+    """
+    path, kept = source / "cases.jsonl", records.FOLDER / "gap-benchmark.jsonl"
+    lines = {line["name"]: line for line in _lines(kept)} if kept.exists() else {}
+    lines |= {line["name"]: {"measured": _day(path)} | line for line in _lines(path)}
+    write_text_whole(kept, "".join(json.dumps(line) + "\n" for line in lines.values()))
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text("utf-8").splitlines()]
 
 
 def _keep(name: str, source: Path) -> None:

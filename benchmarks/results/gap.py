@@ -1,5 +1,6 @@
 """Results of the gap workflow on the gantry: its demo, hidden effects, promises."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -81,9 +82,9 @@ def form_error(records: Records) -> Section:
         "and others of motor, sensor and noise. The misfit is what is left of the wake's steady "
         "force after the model has been calibrated within its spreads, of its root mean square. A "
         "hidden effect matters where it would improve the sealed forecasts if its name were known.",
-        paragraphs(table(head, lines), _answers(record["rows"]), record.get("run", "")),
+        paragraphs(table(head, lines), _answers(record["rows"]), _earlier(record)),
         (
-            "python -m benchmarks.form_error --out build/form-error --per-dose 10 --per-effect 3"
+            "python -m benchmarks.form_error --out build/form-error --per-dose 20 --per-effect 4"
             " --record",
         ),
     )
@@ -111,6 +112,13 @@ def form_losses(records: Records) -> Section:
         ),
         ("python -m benchmarks.form_losses",),
     )
+
+
+def _earlier(record: Row) -> str:
+    """Which sets were not asked again, by commit."""
+    commits = Counter(row["commit"] for row in record["rows"])
+    earlier = [f"{n} are of `{c}`" for c, n in sorted(commits.items()) if c != record["commit"]]
+    return f"Of the {len(record['rows'])} sets {', '.join(earlier)}." if earlier else ""
 
 
 def _counted(share: Row) -> str:
