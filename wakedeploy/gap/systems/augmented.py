@@ -43,6 +43,10 @@ class Acting:
         form: Sequence[str] = (),
     ) -> None:
         self.system, self.effects, self.sizes, self.form = system, tuple(effects), sizes, form
+        # Looked up once: the functions below are called in every step.
+        self._has_step, self._takes_forces = system.has_step, system.takes_forces
+        # What a rate is multiplied by to be added to what the system returns.
+        self._dt_s = 1.0 / system.rate_hz if system.has_step else 1.0
         self.states = (*system.states, *(n for e in effects for n in e.own_states))
         self._of = {
             role: [e for e in effects if e.port.role == role]
@@ -134,12 +138,12 @@ class Acting:
         own_rates: dict[str, Any] = {}
         inputs = self._arriving(inputs, named, values, time_s, own_rates)
         driven = Point("input", inputs)
-        if self.system.takes_forces and self._smooth:
+        if self._takes_forces and self._smooth:
             rates = self._loaded(named, state, driven, c, values, own_rates)
         else:
             rates = self.system.rates(state, driven, c)
         base = dict(rates)
-        for effect in () if self.system.takes_forces else self._smooth:
+        for effect in () if self._takes_forces else self._smooth:
             self._force(effect, named, base, inputs, c, values, rates, own_rates)
         for effect in self._of["custom"]:
             self._custom(effect, state, driven, values, time_s, rates)
@@ -204,10 +208,10 @@ class Acting:
         changes = np.zeros((len(self.states), *speed.shape[1:]))
         if not strength.any():
             return changes
-        if not self.system.takes_forces:
+        if not self._takes_forces:
             inertia = getattr(c, port.inertia) if port.inertia else 1.0
             changes[self.states.index(port.name)] = self._dt_s / inertia
-            if self.system.has_step and port.position:  # a derivative brings this by itself
+            if self._has_step and port.position:  # a derivative brings this by itself
                 changes[self.states.index(port.position)] = 0.5 * self._dt_s**2 / inertia
             return changes
         state = Point("state", {n: named[n] for n in self.system.states})
@@ -286,7 +290,7 @@ class Acting:
                 kind, mine = effect.kind, tuple(named[n] for n in effect.own_states)
                 assert isinstance(kind, InputKind)
                 p = effect.parameters(values)
-                rates = kind.own_rates(mine, p, dt_s, self.system.has_step)
+                rates = kind.own_rates(mine, p, dt_s, self._has_step)
                 for name, rate in zip(effect.own_states, rates, strict=True):
                     own_rates[name] = self._advanced(named[name], rate)
                 name = effect.port.name
@@ -294,14 +298,9 @@ class Acting:
                 arriving[name] = arriving[name] + kind.from_before(mine, since_s, p, dt_s)
         return arriving
 
-    @property
-    def _dt_s(self) -> float:
-        """What a rate is multiplied by to be added to what the system returns."""
-        return 1.0 / self.system.rate_hz if self.system.has_step else 1.0
-
     def _base(self, name: str, named: Arrays, rates: Arrays) -> Any:
         """The rate of a state, of rates or of next states."""
-        if self.system.has_step:
+        if self._has_step:
             return (rates[name] - named[name]) / self._dt_s
         return rates[name]
 
@@ -416,11 +415,9 @@ class Acting:
             assert isinstance(kind, OutputKind)
             mine = tuple(named[n] for n in effect.own_states)
             p = effect.parameters(values)
-            rates = kind.own_rates(
-                shown[effect.port.name], mine, p, self._dt_s, self.system.has_step
-            )
+            rates = kind.own_rates(shown[effect.port.name], mine, p, self._dt_s, self._has_step)
             for name, rate in zip(effect.own_states, rates, strict=True):
                 own_rates[name] = self._advanced(named[name], rate)
 
     def _advanced(self, value: Any, rate: Any) -> Any:
-        return value + self._dt_s * rate if self.system.has_step else rate
+        return value + self._dt_s * rate if self._has_step else rate

@@ -30,7 +30,7 @@ def attempted(where: str, function: Callable[..., Returned], *given: Any) -> Ret
 def called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str, Any]:
     """What a user's function returns, real numbers by name."""
     returned = attempted(where, method, *points)
-    if not isinstance(returned, Mapping):
+    if type(returned) is not dict and not isinstance(returned, Mapping):
         raise UnusableInput(
             f"{where} returns {type(returned).__name__}; return a dict with a value by name."
         )
@@ -47,19 +47,28 @@ def complete(
     returned: Mapping[str, Any], wanted: Mapping[str, str], where: str, what: str
 ) -> dict[str, Any]:
     """What was returned, in the order of what is wanted: nothing missing, nothing unknown."""
-    for name in returned:
-        if name not in wanted:
-            raise UnusableInput(
-                f"{where} returns {name!r}, which is no {what}; there are: {', '.join(wanted)}."
-            )
-    for name in wanted:
-        if name not in returned:
-            raise UnusableInput(f"{where} returns nothing for the {what} {name!r}; add it.")
+    if returned.keys() != wanted.keys():
+        raise UnusableInput(_difference(returned, wanted, where, what))
     return {name: returned[name] for name in wanted}
+
+
+def _difference(
+    returned: Mapping[str, Any], wanted: Mapping[str, str], where: str, what: str
+) -> str:
+    """What is returned and not wanted, else what is wanted and not returned."""
+    unknown = [name for name in returned if name not in wanted]
+    if unknown:
+        return (
+            f"{where} returns {unknown[0]!r}, which is no {what}; there are: {', '.join(wanted)}."
+        )
+    missing = next(name for name in wanted if name not in returned)
+    return f"{where} returns nothing for the {what} {missing!r}; add it."
 
 
 def _is_real(value: Any) -> bool:
     """Whether numpy takes a value, or each of its parts, for a real number."""
+    if type(value) is np.ndarray:
+        return value.dtype.kind in _REAL
     if isinstance(value, (int, float)):
         return True
     if isinstance(value, (list, tuple)):

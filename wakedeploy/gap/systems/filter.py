@@ -108,7 +108,9 @@ class Stepping:
         self, acting: Acting, aside: FloatArray, noise: Noise | None = None, driven: Any = ()
     ) -> None:
         self._acting, self._aside = acting, aside
-        self._points = np.empty((len(aside), len(aside) + 1, aside.shape[1]))
+        self._has_step, self._step_s = acting.system.has_step, acting.system.step_s
+        k, lanes = aside.shape
+        self._points = np.empty((k, k + 2, lanes))  # and the state again, as if under early inputs
         self._dry = np.array(acting.dry, dtype=np.int64)
         self._driven = np.array(driven, dtype=np.int64)
         self._noise = (np.zeros((0, aside.shape[1])),) * 3
@@ -120,15 +122,21 @@ class Stepping:
     ) -> None:
         """Change `x` (k + d, L) and `p` in place; `given` are constants, values, time."""
         acting, k = self._acting, len(self._aside)
-        points, inputs = points_around(x, self._aside, self._points), u.mean
-        if u.early and not acting.system.has_step:
-            points = np.concatenate([points, points[:, :1]], axis=1)
-            inputs = {n: np.vstack([*[mean] * (k + 1), mean + u.early[n]])
-                      for n, mean in u.mean.items()}  # fmt: skip
+        points, inputs = points_around(x, self._aside, self._points[:, : k + 1]), u.mean
+        if u.early and not self._has_step:
+            self._points[:, k + 1] = points[:, 0]
+            points = self._points
+            inputs = {n: self._twice(mean, u.early[n]) for n, mean in u.mean.items()}
         rates = acting.rates(points, inputs, *given)
         stepped(x, p, rates, self._aside, self._driven, *self._noise,
-                step_s or acting.system.step_s, acting.system.has_step, self._dry,
+                step_s or self._step_s, self._has_step, self._dry,
                 *acting.rubbed(x[:k], u.mean, *given))  # fmt: skip
+
+    def _twice(self, mean: FloatArray, early: FloatArray) -> FloatArray:
+        """An input at all points: its mean, and at the last one with what comes early."""
+        rows = np.empty(self._points.shape[1:])
+        rows[:-1], rows[-1] = mean, mean + early
+        return rows
 
 
 class Inputs:

@@ -175,10 +175,8 @@ class LogModel:
     ) -> list[tuple[Score, ...]]:
         """Blocks under parameter sets (K, p): for each set a score of each block."""
         run = self.run(hypothesis, thetas, episodes)
-        return [
-            tuple(self._scored(run, k, i, episode) for i, episode in enumerate(episodes))
-            for k in range(len(thetas))
-        ]
+        each = [self._scored(run, i, episode) for i, episode in enumerate(episodes)]
+        return list(zip(*each, strict=True))
 
     def run(self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]) -> Run:
         """The filter over some blocks."""
@@ -291,19 +289,26 @@ class LogModel:
         """How long what is left may keep its sign: a forecast's length."""
         return self.horizon * self.dt_s
 
-    def _scored(self, run: Run, k: int, place: int, episode: int) -> Score:
-        """One block's part of a run, channel after channel, each with all samples of the block."""
+    def _scored(self, run: Run, place: int, episode: int) -> list[Score]:
+        """One block's part of a run under each parameter set.
+
+        Channel after channel, each with all samples of the block.
+        """
         block = self.blocks[episode]
-        n, m = block.stop - block.start, len(self.channels)
-        statistics = np.zeros((4, m, n))
-        statistics[1] = 1.0
+        n, m, sets = block.stop - block.start, len(self.channels), run.statistics.shape[3]
+        statistics = np.zeros((sets, 4, m, n))
+        statistics[:, 1] = 1.0
         for s in np.flatnonzero(run.pieces.block == place):
             inside = run.pieces.scored[:, s]
             at = run.pieces.sample[inside, s] - block.start
-            statistics[:, :, at] = np.moveaxis(run.statistics[:, :, :, k, s][:, inside], 1, 2)
-        innovation, variance, density, weight = statistics.reshape(4, m * n)
+            statistics[..., at] = run.statistics[..., s][:, inside].transpose(3, 0, 2, 1)
         channels = tuple(slice(c * n, (c + 1) * n) for c in range(m))
-        return Score(density, innovation, variance, weight, channels)
+        scores = []
+        for one_set in statistics.reshape(sets, 4, m * n):
+            # Copied, as fits keep the scores of a few sets for long.
+            innovation, variance, density, weight = one_set.copy()
+            scores.append(Score(density, innovation, variance, weight, channels))
+        return scores
 
     @functools.cached_property
     def _nuisances(self) -> tuple[Free, ...]:

@@ -407,11 +407,11 @@ class System:
         `forces` by the states whose rates they change, for a system that `takes_forces`.
         """
         method = "step" if self.has_step else "derivative"
+        given: list[Mapping[str, Any] | Point] = [state, inputs, c]
         if forces is not None:
-            method = "derivative_under"
-        ports = [port.name for port in self.ports if port.role == "force"]
-        extra = () if forces is None else (Forces(forces, ports),)
-        returned = called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
+            ports = [port.name for port in self.ports if port.role == "force"]
+            method, given = "derivative_under", [*given, Forces(forces, ports)]
+        returned = called(f"{self.name}.{method}", getattr(self, method), *given)
         return complete(returned, self.states, f"{self.name}.{method}", "state")
 
     def added(self, port: Port, function: Callable[..., Any], *given: Any) -> Mapping[str, Any]:

@@ -4,6 +4,7 @@ An effect's name is `kind@port`, as `coulomb-friction@speed_mps`; a coupling say
 from: `coupling-from-voltage_v@speed_mps`.
 """
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -56,14 +57,19 @@ class Effect:
         """Its parameters as a fit sees them."""
         return tuple(p.free(self.name, self.scales) for p in self.kind.parameters)
 
-    @property
+    @functools.cached_property
     def own_states(self) -> tuple[str, ...]:
         """Names of the states that it adds."""
         return tuple(f"{self.name}.state{i}" for i in range(self.kind.own_states))
 
     def parameters(self, values: Mapping[str, object]) -> dict[str, object]:
         """Its own out of all values, by the names that its kind has for them."""
-        return {p.name: values[f"{self.name}.{p.name}"] for p in self.kind.parameters}
+        return {short: values[name] for short, name in self._parameters}
+
+    @functools.cached_property
+    def _parameters(self) -> tuple[tuple[str, str], ...]:
+        """The kind's name and the whole name of each."""
+        return tuple((p.name, f"{self.name}.{p.name}") for p in self.kind.parameters)
 
 
 def plain(name: str) -> str:
