@@ -48,3 +48,10 @@ def test_of_one_flight_nothing_was_held_out() -> None:
     (several,), (one,) = (ranking_charts([searched(3.0)], [], [], n) for n in (2, 1))
     assert "held-out" in several.x_label
     assert "held-out" not in one.x_label
+
+
+def test_what_needs_less_than_the_threshold_is_drawn_as_evident() -> None:
+    steady = ranked("steady", 12.0).model_copy(update={"needed_nats": 3.0})
+    found = Round(given=[], threshold_nats=26.0, ranking=[steady, ranked("loud", 11.0)])
+    (chart,) = ranking_charts([found], found={"steady"}, rivals=set())
+    assert [dot.colour for dot in chart.dots] == [ORANGE, GREY]

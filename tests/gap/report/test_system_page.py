@@ -53,7 +53,7 @@ def result(**changed: object) -> Result:
     share = {"share": 0.998, "low": 0.996, "high": 0.999}
     course = {"unit": "m", "measured": [0.0, 0.1, -0.2], "before": [0.0, 0.1, 0.0],
               "after": [0.0, 0.1, -0.19]}  # fmt: skip
-    ranked = {"name": FRICTION, "gain_nats": 90.0, "interval": [80.0, 100.0],
+    ranked = {"name": FRICTION, "gain_nats": 90.0, "needed_nats": 6.0, "interval": [80.0, 100.0],
               "parameters": {f"{FRICTION}.force": FORCE}}  # fmt: skip
     told: dict[str, object] = {
         "domain": "MyRobot", "key": "", "verdict": "named", "class": [], "threshold_nats": 6.0,

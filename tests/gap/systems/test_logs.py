@@ -195,3 +195,34 @@ def test_a_long_log_is_searched_in_part_and_told_from_all_of_it(monkeypatch):
     assert low < 0.03 < high
     looked = [np.count_nonzero(s.log_density) for s in told.found.slopes.scores]
     assert min(looked[1:]) == len(recording.time_s) // 16
+
+
+class Remembering(System):
+    """A second-order difference equation: what it remembers of the sample before is exact."""
+
+    rate_hz = 10.0
+    inputs = [Input("valve", "1")]
+    states = {"level": "1", "level_before": "1", "valve_before": "1", "worn": "1"}
+    outputs = [Output("level", "1", noise=0.05)]
+    constants = [Constant("keep", 1.2, spread=1.0), Constant("lose", 0.4, spread=1.0)]
+    ports = [Port.input("valve"), Port.force("level")]
+
+    def step(self, state, inputs, c):
+        level = c.keep * state.level - c.lose * state.level_before
+        return {
+            "level": level + 0.3 * inputs.valve + 0.1 * state.valve_before - 0.01 * state.worn,
+            "level_before": state.level,
+            "valve_before": inputs.valve,
+            "worn": 0.999 * state.worn,
+        }
+
+
+def test_what_a_discrete_system_remembers_is_disturbed_by_nothing():
+    rng = np.random.default_rng(4)
+    columns = {"valve": np.repeat(rng.normal(size=60), 5), "level": rng.normal(size=300)}
+    model = LogModel(Remembering(), [Recording("log", np.arange(300) / 10.0, columns)])
+    assert Remembering().remembered() == {"level_before": "level", "valve_before": "valve"}
+    assert model.driven == ("level", "worn")
+    disturbed = {f.name.rpartition(".")[2] for f in model.free(()) if f.name.startswith("force.")}
+    assert disturbed == {"level", "worn"}
+    assert Mass().remembered() == {}  # of rates, kinematic states are the same

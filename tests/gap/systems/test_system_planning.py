@@ -102,7 +102,8 @@ def test_options_of_a_rig_and_of_a_system_do_not_mix() -> None:
 def test_sizes_come_from_a_whole_answer_of_the_same_system(model, tmp_path) -> None:
     """What `gap name` wrote is taken; what another program, or hand, left is refused by name."""
     sizes = {f"{DRAG}.coefficient": {"value": 0.2, "low": 0.1, "high": 0.3, "unit": "N/(m/s)"}}
-    ranked = {"name": DRAG, "gain_nats": 9.0, "interval": [8.0, 10.0], "parameters": sizes}
+    ranked = {"name": DRAG, "gain_nats": 9.0, "needed_nats": 3.0, "interval": [8.0, 10.0],
+              "parameters": sizes}  # fmt: skip
     told = {
         "version": 1, "domain": "Mass", "verdict": "class", "class": [DRAG, LAG],
         "threshold_nats": 3.0, "effects": [], "parameters": {}, "constants": {}, "noise": {},

@@ -124,7 +124,8 @@ MOVED = {
 
 def ranked(gains: dict[str, float], given: list[str]) -> dict[str, object]:
     ranking = [
-        {"name": n, "gain_nats": g, "interval": [g, g], "parameters": {}} for n, g in gains.items()
+        {"name": n, "gain_nats": g, "needed_nats": 5.0, "interval": [g, g], "parameters": {}}
+        for n, g in gains.items()
     ]
     return {"given": given, "threshold_nats": 5.0, "ranking": ranking}
 

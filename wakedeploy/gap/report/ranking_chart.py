@@ -48,7 +48,7 @@ def _dots(
     best: Sequence[Ranked], threshold: float, found: Collection[str], rivals: Collection[str]
 ) -> list[Dot]:
     """A class's members count from the round in which the best one passed the threshold."""
-    passed = [each.gain_nats >= threshold for each in best]
+    passed = [each.gain_nats >= _needed(each, threshold) for each in best]
     dots = []
     for each, passes in zip(best, passed, strict=True):
         chosen = (passes and each.name in found) or (any(passed) and each.name in rivals)
@@ -59,6 +59,11 @@ def _dots(
             Dot(each.name, each.gain_nats, low, high, f"{each.name}: {gain}", colour, chosen)
         )
     return dots
+
+
+def _needed(each: Ranked, threshold: float) -> float:
+    """What an effect has to gain: the threshold, or less where it gains in block after block."""
+    return threshold if math.isnan(each.needed_nats) else each.needed_nats
 
 
 def _linear(best: Sequence[Ranked], threshold: float) -> float:

@@ -63,9 +63,9 @@ _CAPTIONS = {
 
 _RANKED = (
     "What each effect gains on blocks that it was not fitted to, with 90 % intervals over "
-    "the blocks. Left of the threshold is what simulations of the baseline gain by chance. "
-    "Orange: accepted; blue: above the threshold and not chosen; grey: below. Point at a row for "
-    "its numbers."
+    "the blocks. The threshold is what the luckiest of all gains by chance; one that gains in "
+    "block after block needs less. Orange: accepted; blue: evident and not chosen; grey: no more "
+    "than chance. Point at a row for its numbers."
 )
 _TRACE = "The sealed block whose error fell by the median share. Point at a curve for a value."
 
@@ -319,6 +319,7 @@ def _drawn(candidate: Ranked) -> drawn.Ranked:
         gain_nats=candidate.gain_nats,
         interval=candidate.interval,
         parameters=sizes,
+        needed_nats=candidate.needed_nats,
     )
 
 

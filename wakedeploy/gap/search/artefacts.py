@@ -104,11 +104,13 @@ class Forecast(Part):
 class Ranked(Part):
     """An effect in a ranking: what it gains [nats] on episodes that it was not fitted to.
 
+    It has to gain `needed_nats`: what chance brings, or less where it gains in block after block.
     `judged` says why it is not named, or "accepted"; "" where it was not looked at.
     """
 
     name: str
     gain_nats: Number
+    needed_nats: Number
     interval: tuple[Number, Number]
     parameters: Sizes
     note: str = ""

@@ -3,9 +3,9 @@
 In: an outcome. Out: the outcome with one more effect, or a pair of them; None where there is none.
 
 An effect is evident if it gains more than chance on blocks that it was not fitted to, in more than
-one of them. It matters if forecasts of the blocks get better by it, each with parameters that other
-blocks prefer. One that does not matter does not end the search: the next one is tried, and a pair
-with it.
+one of them, or steadily (`evident.py`). It matters if forecasts of the blocks get better by it,
+each with parameters that other blocks prefer. One that does not matter does not end the search: the
+next one is tried, and a pair with it.
 """
 
 import functools
@@ -21,6 +21,7 @@ from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, errors
+from wakedeploy.gap.search.evident import is_shared, needed_nats
 from wakedeploy.gap.search.extent import is_steady
 from wakedeploy.gap.search.outcome import (
     ACCEPTED,
@@ -92,9 +93,15 @@ def _judged_round(
     ranking, chance = ranked(model, found, untried, counted, anew)
     before = crossed(model, found)
     begun = crossed(model, outcome.base) if found.hypothesis else before
-    verdicts = [_judged(model, begun, before, effect, chance) for effect in ranking[:_TRIED]]
+    needed = [needed_nats(effect, chance, len(ranking)) for effect in ranking]
+    verdicts = [
+        _judged(model, begun, before, effect, nats)
+        for effect, nats in zip(ranking[:_TRIED], needed, strict=False)
+    ]
     verdicts += [Verdict(effect, "") for effect in ranking[_TRIED:]]
-    entries = [_entry(c, found) for c in ranking]
+    entries = [
+        _entry(c, found) | {"needed_nats": nats} for c, nats in zip(ranking, needed, strict=True)
+    ]
     for entry, verdict in zip(entries, verdicts, strict=True):
         if verdict.why:
             entry["judged"] = verdict.why
@@ -107,9 +114,9 @@ def _judged_round(
 
 
 def _judged(
-    model: Comparison, begun: FloatArray, before: FloatArray, effect: Candidate, chance: float
+    model: Comparison, begun: FloatArray, before: FloatArray, effect: Candidate, needed: float
 ) -> Verdict:
-    """Why a candidate is not named, or "accepted".
+    """Why a candidate is not named, or "accepted"; it has to gain what is `needed` [nats].
 
     `begun` and `before` are squared errors of the base and of what was found. A further effect has
     to matter to the base's: no form is exact, and beside what closed nearly all of a gap every
@@ -117,14 +124,14 @@ def _judged(
     than that; where it does not, whether forecasts get better by it is chance and says nothing.
     """
     known = effect.fit.hypothesis[:-1]
-    if effect.gain_nats <= chance:
+    if effect.gain_nats <= needed:
         return Verdict(effect, CHANCE)
     if is_absent(effect.fit, effect.name):
         return Verdict(effect, NO_SIZE)  # it gains what the fit before it had left to rise
     squares = crossed(model, effect.fit)
     weight = weight_of(before, squares)
     gained = share_of_gap(begun, before, squares)
-    if not is_shared(effect, chance):
+    if not is_shared(effect, needed):
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif gained < RULES.least_share and any(refines(effect.name, n) for n in known):
         why = REFINES
@@ -141,16 +148,6 @@ def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
     Each further name is one more chance of a wrong one, and without it there is an answer already.
     """
     return weight.matters and (weight.low > 0.0 or not known)
-
-
-def is_shared(effect: Candidate, chance: float) -> bool:
-    """Whether a gain is more than one block's, and not taken back by others."""
-    gains = effect.gains
-    if len(gains) < 2:
-        return False
-    least = chance * (len(gains) - 1) / len(gains)
-    lost, won = -gains[gains < 0.0].sum(), gains[gains > 0.0].sum()
-    return bool(effect.gain_nats - gains.max() > least and lost < 0.5 * won)
 
 
 def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
@@ -218,7 +215,8 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
             return None
         better, still = settled(model, effect.fit)
         follows = candidate(outcome.found, effect.name, better)
-        if not _is_something(follows, searched["threshold_nats"]):
+        needed = needed_nats(follows, searched["threshold_nats"], len(searched["ranking"]))
+        if not _is_something(follows, needed):
             mark(searched, effect.name, NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK)
             continue
         searched["chosen"] = effect.name
@@ -232,9 +230,9 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
     return None
 
 
-def _is_something(effect: Candidate, chance: float) -> bool:
+def _is_something(effect: Candidate, needed: float) -> bool:
     """Whether a gain is more than one block's, and the effect's size or its blocks exclude none."""
-    return is_shared(effect, chance) and (
+    return is_shared(effect, needed) and (
         not is_nothing(effect.fit, effect.name)
         or effect.gain_interval()[0] > 0.0
         or is_steady(np.asarray(effect.gains))

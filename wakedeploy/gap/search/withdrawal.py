@@ -7,13 +7,13 @@ be nothing, or that sealed blocks do not bear out.
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, prior_precision
-from wakedeploy.gap.evidence.inference import fit, held_out, settled
+from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.search.comparison import Comparison, theta_from
+from wakedeploy.gap.search.evident import is_shared, needed_nats
 from wakedeploy.gap.search.extent import profiled
 from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, left_of, mark
 from wakedeploy.gap.search.rivalry import is_nothing
-from wakedeploy.gap.search.rounds import is_shared
 from wakedeploy.gap.search.weighing import helps
 
 _PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
@@ -23,12 +23,14 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
     """Without the effects that those found after them have made superfluous."""
     found = outcome.found
     chance = max((r["threshold_nats"] for r in outcome.rounds), default=0.0)
+    tried = max((len(r["ranking"]) for r in outcome.rounds), default=1)
     for name in found.hypothesis[:-1]:
         if _evident_by_size(found, name) > _PLAINLY * chance:
             continue
         without = _without(model, found, name)
         again = candidate(without, name, found)
-        if held_out(without, found).sum() <= chance or not is_shared(again, chance):
+        needed = needed_nats(again, chance, tried)
+        if again.gains.sum() <= needed or not is_shared(again, needed):
             found = without
     return left_of(outcome, found)
 

@@ -451,9 +451,10 @@ class LogModel:
         return (rates - states) / self.dt_s if self.system.has_step else rates
 
     def _driven(self) -> tuple[str, ...]:
-        """States whose rates are noisy: all but pure integrals, or said to be exact."""
+        """States whose rates are noisy: all but integrals and memories, or said to be exact."""
         exact = {n for n, size in self.system.process_noise.items() if size == 0.0}
-        return tuple(n for n in self.system.states if n not in self._kinematic and n not in exact)
+        exact |= {*self._kinematic, *self.system.remembered()}
+        return tuple(n for n in self.system.states if n not in exact)
 
     def _start_spread(self) -> FloatArray:
         stated = self.system.start_spread

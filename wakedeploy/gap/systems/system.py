@@ -348,6 +348,18 @@ class System:
             if name != other and np.array_equal(rates[name], tried[other])
         }
 
+    def remembered(self) -> dict[str, str]:
+        """States of a discrete system that are a state or an input of the step before, by that."""
+        if not self.has_step:
+            return {}
+        tried, following = self._probed()
+        return {
+            name: other
+            for name in self.states
+            for other, value in tried.items()
+            if name != other and np.array_equal(following[name], value)
+        }
+
     def drivers(self, state: str) -> set[str]:
         """The inputs and states on which a state's derivative depends."""
         tried, rates = self._probed()

@@ -144,7 +144,7 @@ def _certainty(result: Result) -> str:
     if result.is_outdone:
         return "It rests on forecasts of all blocks that were fitted, not on a search."
     if result.verdict == "unknown":
-        evident = any(c.gain_nats > r.threshold_nats for r in result.rounds for c in r.ranking)
+        evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
     rest = "" if result.white.after.passes else f" {_MORE_IS_LEFT}"

@@ -99,11 +99,15 @@ class Effect(Sized):
 
 
 class Ranked(Sized):
-    """An effect in a ranking, with the 90 % interval of its gain."""
+    """An effect in a ranking, with the 90 % interval of its gain.
+
+    `needed_nats` is what it has to gain, where that is not the round's threshold.
+    """
 
     gain_nats: Number
     interval: tuple[Number, Number]
     confidence: Number = _NAN
+    needed_nats: Number = _NAN
 
 
 class Round(Part):
