@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free
+from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
@@ -60,6 +61,7 @@ def ranked(
     fitted |= {seen.name: raced_fit for seen, raced_fit in zip(chosen, fits, strict=True)}
     ends = {chosen[i].name: f for i, f in finished(model, base, starts, fits).items()}
     ends |= {n: f for n, f in known.items() if f.objective > ends.get(n, fitted[n]).objective}
+    ends |= {name: _highest(model, base, contender) for name, contender in ends.items()}
     ends |= _lookalikes(model, ground, order, fitted, ends)
     fitted |= ends
     steps(total, total)
@@ -68,6 +70,28 @@ def ranked(
     best_first = sorted(found, key=lambda c: -c.gain_nats)
     leader = best_first[0].fit if best_first else base
     return best_first, chance_nats(ground, seen_all, leader, by_block=is_far_ahead(model))
+
+
+def _highest(model: Comparison, base: Fit, fitted: Fit) -> Fit:
+    """The highest of an effect's summits, where each of its sizes may have one.
+
+    How high they are shows once noise has shrunk to what a size leaves: with the base's, the right
+    period of a hold explains no more than a wrong one. So they race each other.
+    """
+    starts = []
+    for free, _ in _parameters_of_last(fitted):
+        at = fitted.names.index(free.name)
+        known = dict(zip(base.names, base.theta, strict=True))
+        for size in free.scanned:
+            theta = np.array(
+                [known.get(n, v) for n, v in zip(fitted.names, fitted.theta, strict=True)]
+            )
+            theta[at] = size
+            starts.append(begun(model, fitted.hypothesis, base, theta))
+    if not starts:
+        return fitted
+    best = max(raced(model, base, starts), key=lambda f: f.objective)
+    return settled(model, best)[0] if best.objective > fitted.objective else fitted
 
 
 def _lookalikes(

@@ -114,6 +114,8 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
     rest = fisher.sum(0) - fisher[places].sum(0) + np.diag(prior_precision(fitted.free))
     low, high = (np.array([getattr(f, end) for f in fitted.free]) for end in ("low", "high"))
     stuck = (fitted.theta <= low) | (fitted.theta >= high)  # at its bound one follows no episode
+    # Where a likelihood is jagged, its slope does not tell where other blocks would have a size.
+    stuck |= np.array([bool(f.scanned) for f in fitted.free])
     low, high = (np.where(stuck, fitted.theta, end) for end in (low, high))
     top = top_within(fitted.theta, -gradient, rest, low, high)
     step = top - fitted.theta

@@ -208,7 +208,7 @@ class Hold(InputKind):
     source = "Åström and Wittenmark, Computer-Controlled Systems, 1997"
     parameters = (
         Parameter("period_s", {"time": 1}, low=0.0, high=200.0, scanned=(2, 3, 4, 5, 8, 10, 16, 20),
-                  starts=(), step=1.0, prior=20.0),
+                  starts=(), step=1.0, prior=20.0, finest_share=0.01),
     )  # fmt: skip
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
@@ -236,6 +236,7 @@ class Quantisation(InputKind):
             starts=(0.2, 0.5, 1.0),
             step=0.02,
             scanned=tuple(np.geomspace(0.1, 1.6, 20)),
+            finest_share=0.02,
         ),
     )
 

@@ -35,8 +35,10 @@ class Parameter:
 
     The usual size is `share` times a product of the port's scales, as `of` says: a viscous
     coefficient is {"force": 1, "speed": -1}. A size whose neutral value is not 0 is a shape. With
-    an `origin`, as "lowest", they are counted from that scale. `inverse` is what 1/size is called
-    where people think in that.
+    an `origin`, as "lowest", they are counted from that scale. `scanned` are sizes each of which
+    may have a summit of its own: then the curvature at one of them says little, and no standard
+    error below the `finest_share` of a size is told. `inverse` is what 1/size is called where
+    people think in that.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Parameter:
     high: float = 30.0
     starts: tuple[float, ...] = (0.1, 1.0)
     scanned: tuple[float, ...] = ()
+    finest_share: float = 0.0
     step: float = 1e-3
     prior: float = 2.0
     origin: str = ""
@@ -70,11 +73,16 @@ class Parameter:
     def free(self, effect: str, scales: Scales) -> Free:
         """As a fit sees it."""
         size, origin = self.size(scales), scales.sizes[self.origin] if self.origin else 0.0
-        starts = tuple(origin + s * size for s in (*self.starts, *self.scanned))
+        scanned = tuple(origin + s * size for s in self.scanned)
+        starts = (*(origin + s * size for s in self.starts), *scanned)
         ends = origin + self.low * size, origin + self.high * size
         name, unit = f"{effect}.{self.name}", self.unit(scales)
         neutral = origin + self.neutral * size
-        return Free(name, unit, neutral, self.prior * size, *ends, self.step * size, starts)
+        return Free(
+            *(name, unit, neutral, self.prior * size, *ends, self.step * size, starts),
+            scanned=scanned,
+            finest_share=self.finest_share,
+        )
 
 
 class Kind:
