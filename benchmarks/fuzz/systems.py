@@ -86,12 +86,12 @@ def _ranked(name: str, gain: float) -> dict[str, object]:
     for free in _model().effects[name]:
         value = 0.5 * (free.neutral + free.high)
         sizes[free.name] = _SIZE | {"value": value, "unit": free.unit}
-    return {"name": name, "gain_nats": gain, "interval": [gain - 2.0, gain + 2.0],
-            "parameters": sizes}  # fmt: skip
+    return {"name": name, "gain_nats": gain, "needed_nats": 3.0,
+            "interval": [gain - 2.0, gain + 2.0], "parameters": sizes}  # fmt: skip
 
 
 def _answer() -> Kind:
-    rounds = [{"given": [], "threshold_nats": 3.0, "class": [_DRAG, _LAG],
+    rounds = [{"given": [], "threshold_nats": 3.0, "steady_nats": 3.0, "class": [_DRAG, _LAG],
                "ranking": [_ranked(_DRAG, 9.0), _ranked(_LAG, 8.0)]}]  # fmt: skip
     content = Answer.model_validate({
         "domain": "_Mass", "key": "0" * 64, "verdict": "class", "class": [_DRAG, _LAG],

@@ -45,7 +45,9 @@ def answered(case: Case) -> Row:
         "judged": judged(case, answer),
         "threshold_nats": document.threshold_nats,
         "leading": [
-            e.model_dump(include={"name", "gain_nats", "interval", "judged", "forecast"})
+            e.model_dump(
+                include={"name", "gain_nats", "needed_nats", "interval", "judged", "forecast"}
+            )
             for e in leading
         ],
         "removed": before_after(naming.model, naming.base, naming.found).removed.model_dump(),

@@ -28,7 +28,7 @@ _JACKKNIVES = 10
 _SMOOTH = 0.0063  # rad: what a smooth curve leaves of the angle, as its gears shake
 _FULL = 3  # readings at the very end of what was read: a spell
 _LAGS, _FOLDS, _AHEAD = 3, 8, 10
-SHARES = tuple(np.arange(0.5, 1.01, 0.05).round(2).tolist())  # of what the valve does one way
+SHARES = tuple(np.arange(0.1, 1.01, 0.05).round(2).tolist())  # of what the valve does one way
 
 
 def friction(

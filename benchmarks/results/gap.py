@@ -118,7 +118,7 @@ def _earlier(record: Row) -> str:
     """Which sets were not asked again, by commit."""
     commits = Counter(row["commit"] for row in record["rows"])
     earlier = [f"{n} are of `{c}`" for c, n in sorted(commits.items()) if c != record["commit"]]
-    return f"Of the {len(record['rows'])} sets {', '.join(earlier)}." if earlier else ""
+    return f"Some sets were not asked again: {', '.join(earlier)}." if earlier else ""
 
 
 def _counted(share: Row) -> str:

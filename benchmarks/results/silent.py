@@ -30,7 +30,7 @@ def asked(records: Records) -> Section:
             _full(record["tanks"]),
             "The actuator's difference equation, judged on eighths of the recording that it was "
             "not fitted to; the *share* is what the valve does in one direction of what it does in "
-            "the other, the one that fits best:",
+            "the other, the one whose errors there are smallest:",
             table(
                 ["samples", "share", "gain [nats]", "error one ahead", "error ten ahead"],
                 [
@@ -49,8 +49,8 @@ def asked(records: Records) -> Section:
 def _full(tanks: Row) -> str:
     spells = " and ".join(f"{a} to {b}" for a, b in tanks["spells"])
     return (
-        f"The lower tank was full, or its sensor at its end, {len(tanks['spells'])} times: samples "
-        f"{spells}. {tanks['searched']} of them lies in the part that a search looks at."
+        f"When the lower tank was full, or its sensor at its end: samples {spells}. Of these times "
+        f"the part that a search looks at holds {tanks['searched']}."
     )
 
 

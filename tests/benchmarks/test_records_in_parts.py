@@ -4,6 +4,7 @@ import json
 
 from benchmarks import keep, records
 from benchmarks.form_error import __main__ as form_error
+from benchmarks.hidden_effects.cases import all_cases
 from benchmarks.results.gap import _earlier
 
 
@@ -17,14 +18,18 @@ def test_lines_of_hidden_effects_that_a_run_has_not_done_keep_their_day_and_comm
 ):
     monkeypatch.setattr(records, "FOLDER", tmp_path)
     kept, run = tmp_path / "gap-benchmark.jsonl", tmp_path / "run"
-    earlier = [{"measured": "2026-01-01", "name": n, "right": False, "commit": "a"} for n in "xy"]
+    again, later = (case.name for case in all_cases(repeats=1)[:2])
+    earlier = [
+        {"measured": "2000-01-01", "name": name, "right": False, "commit": "a"}
+        for name in (again, later, "a case of an earlier plan")
+    ]
     _write_lines(kept, earlier)
-    _write_lines(run / "cases.jsonl", [{"name": "x", "right": True, "commit": "b"}])
+    _write_lines(run / "cases.jsonl", [{"name": again, "right": True, "commit": "b"}])
     keep.gap_benchmark(run)
-    x, y = (json.loads(line) for line in kept.read_text().splitlines())
-    assert (x["right"], x["commit"]) == (True, "b")
-    assert x["measured"] > "2026-01-01"
-    assert y == earlier[1]
+    newer, older = (json.loads(line) for line in kept.read_text().splitlines())
+    assert (newer["name"], newer["right"], newer["commit"]) == (again, True, "b")
+    assert newer["measured"] > "2000-01-01"
+    assert older == earlier[1]
 
 
 def test_a_dose_curve_goes_on_from_its_record(tmp_path, monkeypatch):

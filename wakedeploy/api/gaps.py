@@ -1,6 +1,7 @@
 """Find where simulation and measurement disagree, name the missing effect, add it, show the gap."""
 
 import functools
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -300,6 +301,11 @@ def _is_older(path: Path, other: Path) -> bool:
     return other.is_file() and path.stat().st_mtime_ns < other.stat().st_mtime_ns
 
 
+def _needed(searched: Any, each: Any) -> float:
+    """What an effect had to gain: its round's threshold, if nothing else is said."""
+    return float(searched.threshold_nats if math.isnan(each.needed_nats) else each.needed_nats)
+
+
 def _ranking(gap: Gap) -> dict[str, list[Any]]:
     """Every round's effects, with what they gain, by column."""
     searched = gap.result if isinstance(gap.result, SystemResult) else gap.steps.name
@@ -314,7 +320,7 @@ def _ranking(gap: Gap) -> dict[str, list[Any]]:
         "gain_nats": [each.gain_nats for *_, each in ranked],
         "low_nats": [each.interval[0] for *_, each in ranked],
         "high_nats": [each.interval[1] for *_, each in ranked],
-        "threshold_nats": [r.threshold_nats for _, r, _ in ranked],
+        "threshold_nats": [_needed(r, each) for _, r, each in ranked],
         "named": [each.name in named for *_, each in ranked],
     }
 

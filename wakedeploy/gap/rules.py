@@ -15,6 +15,8 @@ class Rules:
 
     Attributes:
         false_alarms: Share of recordings without any missing effect in which one may be named.
+        steady_alarms: The part of these in which an effect may be named because it gains in block
+            after block.
         false_discoveries: Share of the places told that noise alone may have made.
         forbids_none_q: A place of this q value or below speaks against "nothing is missing"; one
             in fifty recordings has it by chance.
@@ -42,6 +44,7 @@ class Rules:
     """
 
     false_alarms: float = 0.05
+    steady_alarms: float = 0.01
     false_discoveries: float = 0.05
     forbids_none_q: float = 0.02
     white_quantile: float = 0.999

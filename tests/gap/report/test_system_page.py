@@ -60,7 +60,7 @@ def result(**changed: object) -> Result:
         "episodes": ["a 1/2", "a 2/2"], "sealed": ["a 2/2"], "where": [], "maps": [mapped(0.3)],
         "effects": [{"name": FRICTION, "parameters": {"force": FORCE}, "forecast": share}],
         "parameters": {}, "constants": {}, "noise": {}, "unsettled": [], "sealed_gain_nats": 449.8,
-        "rounds": [{"given": [], "threshold_nats": 6.0, "ranking": [ranked]}],
+        "rounds": [{"given": [], "threshold_nats": 6.0, "steady_nats": 6.0, "ranking": [ranked]}],
         "placebo": {"name": "offset@speed_mps", "before": [0.047], "after": [0.048],
                     "sealed_gain_nats": -1.4},
         "gap": {"cart_m": {"before": 0.047, "after": 0.0015, "unit": "m"}}, "removed": share,

@@ -455,7 +455,11 @@ def test_a_class_is_narrowed_by_its_own_members_only(settling, rival, left):
     """Beside A, of which A, B and C are the class, B is found, which has a rival."""
     fitted = SimpleNamespace(hypothesis=("a", "b"))
     outcome = Named(
-        None, None, None, [{"threshold_nats": 1.0, "ranking": []}], rivals=("a", "b", "c")
+        None,
+        None,
+        None,
+        [{"threshold_nats": 1.0, "steady_nats": 1.0, "ranking": []}],
+        rivals=("a", "b", "c"),
     )
     best = [
         Verdict(Candidate("b", fitted, np.ones(4)), ACCEPTED, Weight(0.5, 0.4, 0.6)),
@@ -486,7 +490,13 @@ def test_sealed_blocks_say_with_the_others_whether_no_model_forecasts_better(
 def test_a_name_is_not_lost_to_what_has_too_many_rivals(settling, named, rivals, goes_on):
     fitted = SimpleNamespace(hypothesis=(*named, "b"))
     weights = dict.fromkeys(named, Weight(0.5, 0.4, 0.6))
-    outcome = Named(None, None, None, [{"threshold_nats": 1.0, "ranking": []}], weights=weights)
+    outcome = Named(
+        None,
+        None,
+        None,
+        [{"threshold_nats": 1.0, "steady_nats": 1.0, "ranking": []}],
+        weights=weights,
+    )
     members = ["b", *(f"r{k}" for k in range(rivals - 1))]
     helps = Weight(0.5, 0.4, 0.6)
     best = [Verdict(Candidate(n, fitted, np.ones(4)), ACCEPTED, helps) for n in members]
@@ -521,7 +531,7 @@ def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
         None,
         None,
         SimpleNamespace(hypothesis=("a",)),
-        [{"threshold_nats": 1.0, "ranking": []}],
+        [{"threshold_nats": 1.0, "steady_nats": 1.0, "ranking": []}],
         weights={"a": helps},
     )
     model = SimpleNamespace(sealed=list)

@@ -226,3 +226,49 @@ def test_what_a_discrete_system_remembers_is_disturbed_by_nothing():
     disturbed = {f.name.rpartition(".")[2] for f in model.free(()) if f.name.startswith("force.")}
     assert disturbed == {"level", "worn"}
     assert Mass().remembered() == {}  # of rates, kinematic states are the same
+
+
+class Gained(Remembering):
+    """Three states that seem to be remembered, and are not; and one that is, and errs."""
+
+    constants = [*Remembering.constants, Constant("gain", 1.0, spread=0.2)]
+
+    def step(self, state, inputs, c):
+        told = super().step(state, inputs, c)
+        cut = np.clip(inputs.valve, -5.0, 5.0)
+        return {**told, "valve_before": c.gain * inputs.valve, "worn": cut}
+
+
+def test_a_gain_of_one_and_a_limit_remember_nothing():
+    assert Gained().remembered() == {"level_before": "level"}
+
+
+class Stated(Remembering):
+    """A memory that the user says is noisy."""
+
+    process_noise = {"valve_before": 0.3}
+    ports = [Port.input("valve"), Port.force("level"), Port.force("level_before")]
+
+
+class Copies(System):
+    """A speed that follows its command at once: nothing but memory."""
+
+    rate_hz = 10.0
+    inputs = [Input("command_mps", "m/s")]
+    states = {"speed_mps": "m/s"}
+    outputs = [Output("speed_mps", "m/s", noise=0.01)]
+    ports = [Port.input("command_mps"), Port.force("speed_mps")]
+
+    def step(self, state, inputs, c):
+        return {"speed_mps": inputs.command_mps}
+
+
+def test_a_memory_has_noise_where_it_is_stated_where_forces_act_and_where_nothing_else_has_any():
+    rng = np.random.default_rng(4)
+    columns = {"valve": rng.normal(size=300), "level": rng.normal(size=300)}
+    recording = Recording("log", np.arange(300) / 10.0, columns)
+    driven = LogModel(Stated(), [recording]).driven
+    assert driven == ("level", "level_before", "valve_before", "worn")
+    columns = {"command_mps": rng.normal(size=300), "speed_mps": rng.normal(size=300)}
+    recording = Recording("log", np.arange(300) / 10.0, columns)
+    assert LogModel(Copies(), [recording]).driven == ("speed_mps",)

@@ -105,10 +105,10 @@ def test_sizes_come_from_a_whole_answer_of_the_same_system(model, tmp_path) -> N
     ranked = {"name": DRAG, "gain_nats": 9.0, "needed_nats": 3.0, "interval": [8.0, 10.0],
               "parameters": sizes}  # fmt: skip
     told = {
-        "version": 1, "domain": "Mass", "verdict": "class", "class": [DRAG, LAG],
+        "version": 2, "domain": "Mass", "verdict": "class", "class": [DRAG, LAG],
         "threshold_nats": 3.0, "effects": [], "parameters": {}, "constants": {}, "noise": {},
-        "rounds": [{"given": [], "threshold_nats": 3.0, "ranking": [ranked]}], "unsettled": [],
-        "sealed_gain_nats": 4.0,
+        "rounds": [{"given": [], "threshold_nats": 3.0, "steady_nats": 3.0, "ranking": [ranked]}],
+        "unsettled": [], "sealed_gain_nats": 4.0,
     }  # fmt: skip
 
     def stated(**changes) -> dict[str, tuple[float, ...]]:
@@ -119,7 +119,7 @@ def test_sizes_come_from_a_whole_answer_of_the_same_system(model, tmp_path) -> N
     def with_sizes(**size: object) -> list[object]:
         held = {key: value | size for key, value in sizes.items()} if size else {}
         ranking = [ranked | {"parameters": held}]
-        return [{"given": [], "threshold_nats": 3.0, "ranking": ranking}]
+        return [{"given": [], "threshold_nats": 3.0, "steady_nats": 3.0, "ranking": ranking}]
 
     assert stated() == {DRAG: (0.2,)}
     for changes, says in (

@@ -127,7 +127,7 @@ def ranked(gains: dict[str, float], given: list[str]) -> dict[str, object]:
         {"name": n, "gain_nats": g, "needed_nats": 5.0, "interval": [g, g], "parameters": {}}
         for n, g in gains.items()
     ]
-    return {"given": given, "threshold_nats": 5.0, "ranking": ranking}
+    return {"given": given, "threshold_nats": 5.0, "steady_nats": 5.0, "ranking": ranking}
 
 
 def test_a_constant_that_moved_is_told_from_where_to_where() -> None:

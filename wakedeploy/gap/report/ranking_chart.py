@@ -55,6 +55,8 @@ def _dots(
         colour = ORANGE if chosen else BLUE if passes else GREY
         low, high = each.interval
         gain = measured(each.gain_nats, low, high, "nats")
+        if _needed(each, threshold) < threshold:
+            gain += f", needs {nats(_needed(each, threshold))}"
         dots.append(
             Dot(each.name, each.gain_nats, low, high, f"{each.name}: {gain}", colour, chosen)
         )

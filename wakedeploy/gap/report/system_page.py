@@ -64,8 +64,8 @@ _CAPTIONS = {
 _RANKED = (
     "What each effect gains on blocks that it was not fitted to, with 90 % intervals over "
     "the blocks. The threshold is what the luckiest of all gains by chance; one that gains in "
-    "block after block needs less. Orange: accepted; blue: evident and not chosen; grey: no more "
-    "than chance. Point at a row for its numbers."
+    "block after block needs less. Orange: accepted; blue: more than chance and not chosen; grey: "
+    "no more than chance. Point at a row for its numbers."
 )
 _TRACE = "The sealed block whose error fell by the median share. Point at a curve for a value."
 

@@ -16,7 +16,7 @@ from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.core.validation import first_problem
 from wakedeploy.gap.rules import RULES, Rules
 
-VERSION = 1
+VERSION = 2
 
 Verdict = Literal["named", "class", "none", "unknown"]
 
@@ -119,10 +119,14 @@ class Ranked(Part):
 
 
 class Round(Part):
-    """A ranking beside the effects `given`, the gain that chance brings, and what was chosen."""
+    """A ranking beside the effects `given`, the gain that chance brings, and what was chosen.
+
+    `steady_nats` is what chance brings where no moment is loud; it is asked of steady effects.
+    """
 
     given: list[str]
     threshold_nats: Number
+    steady_nats: Number
     ranking: list[Ranked]
     chosen: str | None = None
     rivals: list[str] = Field(default=[], alias="class")

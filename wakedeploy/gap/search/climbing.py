@@ -66,12 +66,17 @@ def finished(
 
 def to_the_end(model: Comparison, base: Fit, points: Sequence[FloatArray], fitted: Fit) -> Fit:
     """The best of a candidate's fit and of climbs from its sizes at points (p,), else the base."""
-    known = dict(zip(base.names, base.theta, strict=True))
     reached = [fitted]
     for theta in points:
-        sized = [known.get(f.name, size) for f, size in zip(fitted.free, theta, strict=True)]
-        reached.append(fit(model, fitted.hypothesis, fitted.episodes, np.array(sized)))
+        begin = sized(base, fitted, theta)
+        reached.append(fit(model, fitted.hypothesis, fitted.episodes, begin))
     return settled(model, max(reached, key=lambda f: f.objective))[0]
+
+
+def sized(base: Fit, fitted: Fit, theta: FloatArray) -> FloatArray:
+    """A point (p,) with an effect's sizes from `theta` (p,), and all else as in the base."""
+    known = dict(zip(base.names, base.theta, strict=True))
+    return np.array([known.get(n, size) for n, size in zip(fitted.names, theta, strict=True)])
 
 
 def climbed(model: Comparison, start: Fit) -> Fit:

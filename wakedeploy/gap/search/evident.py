@@ -4,6 +4,8 @@ In: a candidate's gains on blocks that it was not fitted to, and what chance bri
 all. Out: the gain that is asked of it, and whether blocks share it.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.stats import ttest_1samp
 
@@ -11,22 +13,36 @@ from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
 
 _FEWEST = 6  # blocks whose spread says something
-_STEADY = 0.01  # of searches where nothing is missing: those in which chance gains so steadily
 
 
-def needed_nats(effect: Candidate, chance: float, tried: int) -> float:
+class Chance(NamedTuple):
+    """What chance brings to the luckiest of all effects [nats], and without a log's loud moments.
+
+    The latter comes of Gaussian noise, and of constants and form as wrong as their priors allow.
+    """
+
+    nats: float
+    without_loud_nats: float
+
+
+def needed_nats(effect: Candidate, chance: Chance, tried: int) -> float:
     """What an effect has to gain [nats], of as many as were `tried`.
 
-    `chance` is what noise brings to the luckiest of all. A few loud moments raise it for every
-    effect, by what the one brings that acts just there. An effect that gains in block after block
-    owes that to no moment: by the spread of its own gains (Student's t, shared among all that were
-    tried) it is evident, and has to gain no more than the least that is ever named.
+    A few loud moments raise what chance brings for every effect, by what the one gains that acts
+    just there. An effect that gains in block after block owes that to no moment: by the spread of
+    its own gains (Student's t, shared among all that were tried) it is evident by less. Gains that
+    are small as a rule and large losses as an exception would pass for steady where no block has
+    such a loss; sealed blocks are asked besides.
     """
     gains = np.asarray(effect.gains)
     if len(gains) < _FEWEST or not gains.std():
-        return chance
+        return chance.nats
+    own = float(gains.sum()) - effect.looked_nats  # without what priors say of parameters
+    if own <= chance.without_loud_nats:
+        return chance.nats
     by_chance = float(ttest_1samp(gains, 0.0, alternative="greater").pvalue)
-    return min(chance, RULES.least_nats) if by_chance * max(tried, 1) < _STEADY else chance
+    is_steady = by_chance * max(tried, 1) < RULES.steady_alarms
+    return chance.without_loud_nats if is_steady else chance.nats
 
 
 def is_shared(effect: Candidate, needed: float) -> bool:

@@ -12,6 +12,7 @@ from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.evident import Chance
 from wakedeploy.gap.search.scan import elaborates
 from wakedeploy.gap.search.weighing import Weight
 
@@ -82,6 +83,11 @@ def still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
     named_member = next(n for n in rivals if n in found.hypothesis)
     distinct = tuple(n for n in rivals if n == named_member or not elaborates(n, named_member))
     return distinct if len(distinct) > 1 else ()
+
+
+def chance_of(searched: Mapping[str, Any]) -> Chance:
+    """What chance brings to the effects of a round."""
+    return Chance(searched["threshold_nats"], searched["steady_nats"])
 
 
 def mark(searched: dict[str, Any], name: str, why: str) -> None:

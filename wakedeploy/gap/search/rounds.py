@@ -2,10 +2,10 @@
 
 In: an outcome. Out: the outcome with one more effect, or a pair of them; None where there is none.
 
-An effect is evident if it gains more than chance on blocks that it was not fitted to, in more than
-one of them, or steadily (`evident.py`). It matters if forecasts of the blocks get better by it,
-each with parameters that other blocks prefer. One that does not matter does not end the search: the
-next one is tried, and a pair with it.
+An effect is evident if it gains more than chance on blocks that it was not fitted to, or less if it
+does so steadily (`evident.py`), and in more than one of them. It matters if forecasts of the blocks
+get better by it, each with parameters that other blocks prefer. One that does not matter does not
+end the search: the next one is tried, and a pair with it.
 """
 
 import functools
@@ -33,6 +33,7 @@ from wakedeploy.gap.search.outcome import (
     TRIFLE,
     WORSE,
     Named,
+    chance_of,
     mark,
     still_open,
 )
@@ -108,7 +109,12 @@ def _judged_round(
         if verdict.weight is not None:
             entry["forecast"] = asdict(verdict.weight)
     outcome.rounds.append(
-        {"given": list(found.hypothesis), "threshold_nats": chance, "ranking": entries}
+        {
+            "given": list(found.hypothesis),
+            "threshold_nats": chance.nats,
+            "steady_nats": chance.without_loud_nats,
+            "ranking": entries,
+        }
     )
     return verdicts
 
@@ -215,7 +221,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
             return None
         better, still = settled(model, effect.fit)
         follows = candidate(outcome.found, effect.name, better)
-        needed = needed_nats(follows, searched["threshold_nats"], len(searched["ranking"]))
+        needed = needed_nats(follows, chance_of(searched), len(searched["ranking"]))
         if not _is_something(follows, needed):
             mark(searched, effect.name, NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK)
             continue
@@ -250,13 +256,14 @@ def _twins(
     if outcome.rivals:
         return None
     found, searched = outcome.found, outcome.rounds[-1]
-    chance = searched["threshold_nats"]
-    fitted = twins(model, found, verdicts, chance, RULES.most_effects)
+    needed = {each["name"]: each["needed_nats"] for each in searched["ranking"]}
+    fitted = twins(model, found, verdicts, needed, RULES.most_effects)
     if not fitted:
         return None
     best, *others = fitted
     begun, before = crossed(model, outcome.base), crossed(model, found)
-    verdict = _judged(model, begun, before, best.candidate, chance)
+    nats = needed_nats(best.candidate, chance_of(searched), len(needed))
+    verdict = _judged(model, begun, before, best.candidate, nats)
     singles = [v.candidate for v in verdicts if v.why == ACCEPTED]
     is_needed = not any(rivals_with(best.candidate, single) for single in singles)
     if verdict.why != ACCEPTED or verdict.weight is None or not is_needed:

@@ -13,8 +13,9 @@ from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.climbing import begun, climbed, finished, raced, to_the_end
+from wakedeploy.gap.search.climbing import begun, climbed, finished, raced, sized, to_the_end
 from wakedeploy.gap.search.comparison import Comparison, is_far_ahead
+from wakedeploy.gap.search.evident import Chance
 from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
 
@@ -44,8 +45,8 @@ def ranked(
     names: Sequence[str],
     steps: Steps = uncounted,
     known: Mapping[str, Fit] = NOTHING,
-) -> tuple[list[Candidate], float]:
-    """Candidates on top of `base`, best first, and the gain that chance brings [nats].
+) -> tuple[list[Candidate], Chance]:
+    """Candidates on top of `base`, best first, and the gains that chance brings.
 
     `known` are fits of some that began elsewhere.
     """
@@ -62,7 +63,8 @@ def ranked(
     ends = {chosen[i].name: f for i, f in finished(model, base, starts, fits).items()}
     ends |= {n: f for n, f in known.items() if f.objective > ends.get(n, fitted[n]).objective}
     ends |= {name: _highest(model, base, contender) for name, contender in ends.items()}
-    ends |= _lookalikes(model, ground, order, fitted, ends)
+    alike = _lookalikes(model, ground, order, fitted, ends)
+    ends |= {n: f if n in ends else _highest(model, base, f) for n, f in alike.items()}
     fitted |= ends
     steps(total, total)
     fitted = imitated(model, base, fitted)
@@ -80,13 +82,9 @@ def _highest(model: Comparison, base: Fit, fitted: Fit) -> Fit:
     """
     starts = []
     for free, _ in _parameters_of_last(fitted):
-        at = fitted.names.index(free.name)
-        known = dict(zip(base.names, base.theta, strict=True))
-        for size in free.scanned:
-            theta = np.array(
-                [known.get(n, v) for n, v in zip(fitted.names, fitted.theta, strict=True)]
-            )
-            theta[at] = size
+        for size in np.clip(free.scanned, free.low, free.high):
+            theta = sized(base, fitted, fitted.theta)
+            theta[fitted.names.index(free.name)] = size
             starts.append(begun(model, fitted.hypothesis, base, theta))
     if not starts:
         return fitted
@@ -163,7 +161,7 @@ def _likeness(ground: Ground, look: Look, other: Look) -> float:
 
 def chance_nats(
     ground: Ground, candidates: Sequence[Look], leader: Fit, seed: int = 0, by_block: bool = False
-) -> float:
+) -> Chance:
     """The best gain of any candidate that innovations of noise alone would bring, in 19 of 20.
 
     Noise is drawn anew around the base, with form and constants wrong by what their priors allow.
@@ -178,8 +176,9 @@ def chance_nats(
         for row, draws in enumerate((_noise(ground, rng), _turned(leader, rng, by_block))):
             gains = [0.5 * ((basis.T @ draws) ** 2).sum(0) - basis.shape[1] for basis in bases]
             best[row, first : first + _AT_ONCE] = np.max(gains, axis=0, initial=0.0)
-    sure = 1.0 - RULES.false_alarms
-    return max(*(float(np.quantile(row, sure)) for row in best), RULES.least_nats)
+    sure = 1.0 - (RULES.false_alarms - RULES.steady_alarms)
+    noise, turned = (max(float(np.quantile(row, sure)), RULES.least_nats) for row in best)
+    return Chance(max(noise, turned), noise)
 
 
 def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:

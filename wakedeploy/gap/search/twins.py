@@ -5,7 +5,7 @@ best first. What both wheels of a robot lack turns it when it is added to one of
 gains, and forecasts get worse.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,14 +36,18 @@ class Twins:
 
 
 def twins(
-    model: Comparison, found: Fit, verdicts: Sequence[Verdict], least_nats: float, most_effects: int
+    model: Comparison,
+    found: Fit,
+    verdicts: Sequence[Verdict],
+    needed: Mapping[str, float],
+    most_effects: int,
 ) -> list[Twins]:
     """Kinds of the verdicts at all ports alike, the one that gains most first, or what is simpler.
 
-    Only those that gain `least_nats` at each port alone, nearly as much as at the other ports, and
-    `least_nats` more together than at any one. None whose sizes may be nothing at one of them, or
-    that would be more than `most_effects` with those that were found. A model that knows no ports
-    has no twins.
+    Only those that gain what is `needed` [nats] at each port alone, nearly as much as at the other
+    ports, and as much more together than at any one. None whose sizes may be nothing at one of
+    them, or that would be more than `most_effects` with those that were found. A model that knows
+    no ports has no twins.
     """
     ports_alike: Callable[[str], Sequence[str]] | None = getattr(model, "ports_alike", None)
     if ports_alike is None:
@@ -53,8 +57,8 @@ def twins(
     for verdict in verdicts:
         alike = [n for n in ports_alike(verdict.candidate.name) if n not in found.hypothesis]
         names = (verdict.candidate.name, *alike)
-        least = max(least_nats, _NEARLY * verdict.candidate.gain_nats)
-        if not alike or any(gains.get(name, 0.0) < least for name in names):
+        nearly = _NEARLY * verdict.candidate.gain_nats
+        if not alike or any(gains.get(n, 0.0) < max(needed.get(n, np.inf), nearly) for n in names):
             continue
         is_known = any(set(names) == set(each.names) for each in fitted)
         too_many = len(found.hypothesis) + len(names) > most_effects
@@ -62,7 +66,8 @@ def twins(
             continue
         together, still = settled(model, _climbed(model, found, verdict.candidate.fit, names))
         both = candidate(found, names[0], together)
-        needs_all = both.gain_nats - max(gains[name] for name in names) > least_nats
+        most = max(needed[name] for name in names)
+        needs_all = both.gain_nats - max(gains[name] for name in names) > most
         if needs_all and not any(is_nothing(together, name) for name in names):
             fitted.append(Twins(names, both, verdict, still))
     return _simplest_first(sorted(fitted, key=lambda each: -each.candidate.gain_nats))

@@ -2,7 +2,8 @@
 
 In: a `Comparison`, fits without and with an effect. Out: the share with its interval. On the blocks
 of the fit each stretch is forecast with parameters that other blocks prefer (cross-fitting), so
-that these can decide; sealed blocks take no part in that, and report.
+that these can decide; sealed blocks take no part in that, and report. A size that was scanned for
+stays as all blocks have it.
 """
 
 from collections.abc import Callable, Sequence

@@ -12,7 +12,7 @@ from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.search.comparison import Comparison, theta_from
 from wakedeploy.gap.search.evident import is_shared, needed_nats
 from wakedeploy.gap.search.extent import profiled
-from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, left_of, mark
+from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, chance_of, left_of, mark
 from wakedeploy.gap.search.rivalry import is_nothing
 from wakedeploy.gap.search.weighing import helps
 
@@ -22,10 +22,12 @@ _PLAINLY = 5.0  # times what chance brings: an effect that is needed by any acco
 def still_needed(model: Comparison, outcome: Named) -> Named:
     """Without the effects that those found after them have made superfluous."""
     found = outcome.found
-    chance = max((r["threshold_nats"] for r in outcome.rounds), default=0.0)
-    tried = max((len(r["ranking"]) for r in outcome.rounds), default=1)
+    if not outcome.rounds:
+        return outcome
+    chance = max(map(chance_of, outcome.rounds))
+    tried = max(len(r["ranking"]) for r in outcome.rounds)
     for name in found.hypothesis[:-1]:
-        if _evident_by_size(found, name) > _PLAINLY * chance:
+        if _evident_by_size(found, name) > _PLAINLY * chance.nats:
             continue
         without = _without(model, found, name)
         again = candidate(without, name, found)

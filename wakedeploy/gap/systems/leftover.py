@@ -124,7 +124,10 @@ def _asked(model: "LogModel", fitted: Fit, push: Leftover) -> Leftover:
     best = max(seen, key=_merit, default=None)
     law = None
     by_block = is_far_ahead(model)
-    if best is not None and _merit(best) > chance_nats(ground, seen, fitted, by_block=by_block):
+    if (
+        best is not None
+        and _merit(best) > chance_nats(ground, seen, fitted, by_block=by_block).nats
+    ):
         law = _worth(wider, fitted, best, laws[best.name])
     matters = law is not None and law.high >= RULES.unexplained_share
     if by_block:  # there evidence alone says little, as a disturbance shows in many innovations

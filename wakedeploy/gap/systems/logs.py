@@ -452,9 +452,14 @@ class LogModel:
 
     def _driven(self) -> tuple[str, ...]:
         """States whose rates are noisy: all but integrals and memories, or said to be exact."""
-        exact = {n for n, size in self.system.process_noise.items() if size == 0.0}
-        exact |= {*self._kinematic, *self.system.remembered()}
-        return tuple(n for n in self.system.states if n not in exact)
+        stated = self.system.process_noise
+        exact = {n for n, size in stated.items() if size == 0.0} | {*self._kinematic}
+        acted_on = {p.name for p in self.system.ports if p.role in ("force", "custom")}
+        kept = exact | {n for n in self.system.remembered() if n not in {*stated, *acted_on}}
+        # A model that is nothing but memory has its noise there.
+        return tuple(n for n in self.system.states if n not in kept) or tuple(
+            n for n in self.system.states if n not in exact
+        )
 
     def _start_spread(self) -> FloatArray:
         stated = self.system.start_spread

@@ -236,8 +236,10 @@ class System:
     `steps` are those of the model within a sample, which a system needs that is fast against
     `rate_hz`; inputs are then taken between the samples, as they hold.
     `process_noise` and `start_spread` override the library's guesses for states, by name; a
-    process noise of 0 is none, and stays none. `outlier_share` of the samples may be outliers,
-    `forecast_s` is how far ahead a forecast has to be right for an effect to matter.
+    process noise of 0 is none, and stays none. What a `step` only remembers has none by itself, nor
+    a correction of its form, if nothing is stated and no force acts there. `outlier_share` of the
+    samples may be outliers, `forecast_s` is how far ahead a forecast has to be right for an effect
+    to matter.
 
     Values are in the units that the class states; each is a number, or (N,) where N points are
     tried at once. What does not fit raises UnusableInput by the name of method, state and point.
@@ -349,15 +351,22 @@ class System:
         }
 
     def remembered(self) -> dict[str, str]:
-        """States of a discrete system that are a state or an input of the step before, by that."""
+        """States of a discrete system that are a state or an input of the step before, by that.
+
+        They are so at large values of either sign, too, and whatever the constants are: a gain of 1
+        or a limit remembers nothing.
+        """
         if not self.has_step:
             return {}
-        tried, following = self._probed()
+        try:
+            each = [self._probed(), self._probed(far=True)]
+        except UnusableInput:  # a user's function need not work that far away
+            return {}
         return {
             name: other
             for name in self.states
-            for other, value in tried.items()
-            if name != other and np.array_equal(following[name], value)
+            for other in each[0][0]
+            if name != other and all(np.array_equal(after[name], now[other]) for now, after in each)
         }
 
     def drivers(self, state: str) -> set[str]:
@@ -399,16 +408,24 @@ class System:
                 found[f"{what} {name}"] = np.broadcast_to(np.asarray(value, dtype=float), 20)
         return found
 
-    def _probed(self, moved: str = "") -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-        """Random states and inputs, and the derivatives there; one of them moved away."""
+    def _probed(
+        self, moved: str = "", far: bool = False
+    ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """Random states and inputs, and the derivatives there; one of them moved away.
+
+        Those that are `far` have either sign, and constants another value.
+        """
         rng = np.random.default_rng(1)
         names = (*self.states, *(i.name for i in self.inputs))
-        tried = {n: rng.uniform(0.1, 1.0, 20) for n in names}
+        low, high = (-1e6, 1e6) if far else (0.1, 1.0)
+        tried = {n: rng.uniform(low, high, 20) for n in names}
+        constants = {c.name: 1.1 * c.value + 0.01 for c in self.constants} if far else {}
         if moved:
             tried[moved] = tried[moved] + 0.5
         state = Point("state", {n: tried[n] for n in self.states})
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
-        rates = self.rates(state, inputs, self.values())
+        with np.errstate(all="ignore"):
+            rates = self.rates(state, inputs, self.values(constants))
         return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in rates.items()}
 
     def rates(

@@ -207,8 +207,9 @@ class Hold(InputKind):
     equation = "u(t) = command(period ⌊t/period⌋)"
     source = "Åström and Wittenmark, Computer-Controlled Systems, 1997"
     parameters = (
-        Parameter("period_s", {"time": 1}, low=0.0, high=200.0, scanned=(2, 3, 4, 5, 8, 10, 16, 20),
-                  starts=(), step=1.0, prior=20.0, finest_share=0.01),
+        Parameter("period_s", {"time": 1}, low=0.0, high=200.0, starts=(),
+                  scanned=(2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 30), step=1.0, prior=20.0,
+                  finest_share=0.01),
     )  # fmt: skip
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
