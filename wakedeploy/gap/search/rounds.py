@@ -221,8 +221,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
             return None
         better, still = settled(model, effect.fit)
         follows = candidate(outcome.found, effect.name, better)
-        needed = needed_nats(follows, chance_of(searched), len(searched["ranking"]))
-        if not _is_something(follows, needed):
+        if not _is_something(follows, searched):
             mark(searched, effect.name, NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK)
             continue
         searched["chosen"] = effect.name
@@ -236,8 +235,9 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
     return None
 
 
-def _is_something(effect: Candidate, needed: float) -> bool:
+def _is_something(effect: Candidate, searched: Mapping[str, Any]) -> bool:
     """Whether a gain is more than one block's, and the effect's size or its blocks exclude none."""
+    needed = needed_nats(effect, chance_of(searched), len(searched["ranking"]))
     return is_shared(effect, needed) and (
         not is_nothing(effect.fit, effect.name)
         or effect.gain_interval()[0] > 0.0
