@@ -34,3 +34,21 @@ def test_the_positioning_system_lacks_coulomb_and_viscous_friction(recordings):
     viscous = told.found.value("viscous-friction@speed_mps.coefficient")
     assert viscous == pytest.approx(203.5, rel=0.15)
     assert before_after(model, told.base, told.found).removed.low > 0.9
+
+
+@pytest.mark.slow
+def test_a_valve_that_does_less_one_way_is_named_beside_loud_moments(recordings):
+    raw = loadmat(recordings("hydraulic-actuator") / "actuator_first_half.mat")
+    columns = {"valve": raw["u"].ravel(), "pressure": raw["p"].ravel()}
+    log = Recording("actuator", np.arange(raw["u"].size, dtype=float), columns)
+    model = LogModel(read_system(EXAMPLES / "hydraulic_actuator.py"), [log])
+    assert model.driven == ("pressure",)
+    told = named(model, fitted_base(model))
+    assert told.found.hypothesis == ("asymmetry@valve",)
+    searched = told.rounds[0]
+    (valve,) = (e for e in searched["ranking"] if e["name"] == "asymmetry@valve")
+    assert valve["needed_nats"] < valve["gain_nats"] < searched["threshold_nats"]
+    # `benchmarks.real_systems.silent`: of what it does one way it does 0.65 the other
+    low, high = told.found.interval("asymmetry@valve.error")
+    assert (1.0 - high) / (1.0 + high) < 0.65 < (1.0 - low) / (1.0 + low)
+    assert before_after(model, told.base, told.found).removed.low > 0.2
