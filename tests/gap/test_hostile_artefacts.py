@@ -57,7 +57,7 @@ def folder(tmp_path: Path) -> Path:
         ("name", {"class": "both"}, "class = 'both'"),
         ("name", {"verdict": "perhaps"}, "verdict = 'perhaps'"),
         ("name", {"gremlin": 1}, "gremlin is not known"),
-        ("name", {"version": 0}, "version 0; this program reads 1"),
+        ("name", {"version": 0}, "version 0; this program reads 2"),
         (
             "name",
             {"unknown": {"parameters": {"c1": {"value": 1e300}}}},

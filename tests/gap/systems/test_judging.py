@@ -445,7 +445,7 @@ def settling(monkeypatch):
     """Nothing is fitted again, and everything is something."""
     monkeypatch.setattr(rounds, "settled", lambda model, fit: (fit, True))
     monkeypatch.setattr(rounds, "candidate", lambda base, name, fit: name)
-    monkeypatch.setattr(rounds, "_is_something", lambda effect, chance: True)
+    monkeypatch.setattr(rounds, "_is_something", lambda effect, searched: True)
     for stub in ("parameters", "least_squares", "errors"):
         monkeypatch.setattr(rounds, stub, lambda *given: {})
 

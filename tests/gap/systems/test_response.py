@@ -164,7 +164,7 @@ def test_steps_in_a_folder_tell_what_they_tell_without_one(bent, tmp_path, monke
 @pytest.mark.parametrize(
     ("file", "damage", "says"),
     [
-        ("find.json", lambda told: told | {"version": 0}, "version 0; this program reads 1"),
+        ("find.json", lambda told: told | {"version": 0}, "version 0; this program reads 2"),
         ("find.json", lambda told: told | {"where": [{"low": "x"}]}, "where.0.channel is missing"),
         ("name.json", lambda told: told | {"base_theta": {}}, "not the parameters of its fit"),
         ("name.json", lambda told: told | {"found_theta": {}}, "not the parameters of its fit"),
