@@ -31,7 +31,7 @@ from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.files import read_system
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import System
 
 JOINTS = ("rotation", "pitch", "elbow", "wrist_pitch", "wrist_roll", "jaw")

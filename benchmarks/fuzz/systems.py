@@ -16,7 +16,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.files import read_plain
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.known import NAME, stated_answer, stated_sizes
 from wakedeploy.gap.systems.system import Point
 

@@ -21,7 +21,7 @@ from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of, before_after
 from wakedeploy.gap.systems.checks import checked
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 Row = dict[str, Any]
 

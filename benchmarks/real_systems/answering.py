@@ -27,7 +27,7 @@ from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.weighing import unseen, weight_of
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_system
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import System
 
 EXAMPLES = ROOT / "examples" / "systems"

@@ -20,7 +20,7 @@ from wakedeploy import Input
 from wakedeploy.gap.search.comparison import errors
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.checks import checked
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 _RECORDINGS = ("Silverbox, means removed", "Bouc–Wen oscillator (simulated)")
 _WAYS = (("step", 1), ("linear", 1), ("bandlimited", 1), ("bandlimited", 2), ("bandlimited", 4))

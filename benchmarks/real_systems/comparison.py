@@ -30,7 +30,7 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.search.comparison import errors
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.checks import checked
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import System
 
 DEGREE, THRESHOLD = 3, 0.05  # of the polynomial library; share of the largest rate

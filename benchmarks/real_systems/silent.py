@@ -19,7 +19,7 @@ from benchmarks.real_systems.answering import recordings_of, system_of
 from benchmarks.real_systems.cases import CASES
 from benchmarks.records import write
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from benchmarks.known_plants.plants import PLANTS
 from benchmarks.known_plants.recording import Path, recorded
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.checks import checked
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.plan import plan
 
 

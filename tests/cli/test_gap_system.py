@@ -14,6 +14,8 @@ from wakedeploy.cli.gap import command
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.gap.search.artefacts import Answer
+from wakedeploy.gap.systems.answers.next_commands import next_commands
+from wakedeploy.gap.systems.answers.words import sentences
 from wakedeploy.gap.systems.correction import (
     VERSION,
     Correction,
@@ -22,9 +24,7 @@ from wakedeploy.gap.systems.correction import (
     write_correction,
 )
 from wakedeploy.gap.systems.files import read_plain, read_system
-from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.next_commands import next_commands
-from wakedeploy.gap.systems.words import sentences
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 
 @pytest.fixture(scope="module")

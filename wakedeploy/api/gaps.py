@@ -18,12 +18,12 @@ from wakedeploy.gap.folder import at_work, require_logs
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Result as SystemResult
 from wakedeploy.gap.search.artefacts import read_result
+from wakedeploy.gap.systems.answers.folder import CORRECTION, planned_in
+from wakedeploy.gap.systems.answers.words import sentences
 from wakedeploy.gap.systems.files import OF_MJCF, is_mjcf
 from wakedeploy.gap.systems.gantry.artefacts import Result
 from wakedeploy.gap.systems.gantry.findings import Retraining
 from wakedeploy.gap.systems.gantry.folder import Steps, prepare, read_steps
-from wakedeploy.gap.systems.own_folder import CORRECTION, planned_in
-from wakedeploy.gap.systems.words import sentences
 from wakedeploy.rig.file import read_rig
 
 if TYPE_CHECKING:

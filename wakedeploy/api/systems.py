@@ -19,15 +19,15 @@ from wakedeploy.gap.folder import at_work, made, require_logs
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.report.system_page import write_page
 from wakedeploy.gap.search.artefacts import Artefact, Result
+from wakedeploy.gap.systems.answers.folder import OwnFolder
+from wakedeploy.gap.systems.answers.next_commands import next_commands
+from wakedeploy.gap.systems.answers.words import first_screen, next_step, remarks
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
-from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.next_commands import next_commands
-from wakedeploy.gap.systems.own_folder import OwnFolder
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import System
-from wakedeploy.gap.systems.words import first_screen, next_step, remarks
-from wakedeploy.gap.systems.wrapping import going_on, jumps
+from wakedeploy.gap.systems.wrapped_angles import going_on, jumps
 from wakedeploy.gap.workflow import run
 
 SystemLike = System | type[System] | PathLike

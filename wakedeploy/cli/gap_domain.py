@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING
 import click
 
 from wakedeploy.cli.log_lines import stages
+from wakedeploy.cli.names import OneName
 from wakedeploy.cli.output import json_option, print_table
 from wakedeploy.cli.recordings import recordings_folder
+from wakedeploy.core.discovery import offers
+from wakedeploy.gap.systems.domains import KIND
 
 if TYPE_CHECKING:
     from wakedeploy.gap.search.artefacts import Result
@@ -16,7 +19,7 @@ if TYPE_CHECKING:
 @click.command("domain")
 @click.argument(
     "name",
-    type=click.Choice(["motor", "fish", "quadrotor", "downwash"], case_sensitive=False),
+    type=OneName("gap domain", lambda: tuple(offers(KIND))),
 )
 @click.argument("path", type=click.Path(path_type=Path), required=False)
 @click.option(
@@ -34,8 +37,8 @@ def domain(
 ) -> None:
     """Find, name and show what a domain's baseline lacks; PATH holds its recordings.
 
-    Without PATH they are looked for in $WAKEDEPLOY_DATA/NAME. downwash flies its own simulation and
-    takes none.
+    NAME is motor, fish, quadrotor, downwash, or what another package adds. Without PATH recordings
+    are looked for in $WAKEDEPLOY_DATA/NAME. downwash flies its own simulation and takes none.
 
     \b
     Example:
@@ -43,15 +46,16 @@ def domain(
         wakedeploy gap domain downwash --out runs/downwash
     """
     from wakedeploy.gap.report.system_page import write_page
-    from wakedeploy.gap.systems import open_domain, with_further
+    from wakedeploy.gap.systems.domains.domain import gap_domain
     from wakedeploy.gap.workflow import concluded
 
-    if path is None and name != "downwash":
+    chosen = gap_domain(name)
+    if path is None and not chosen.is_simulated:
         folder = recordings_folder(None)
         path = None if folder is None else folder / name
-    model = open_domain(name, path)
+    model = chosen.opened(path)
     with stages() as progress:
-        result = with_further(name, model, concluded(model, progress), progress)
+        result = chosen.completed(model, concluded(model, progress), progress)
         result.write(out / "domain.json")
         if json_path:
             result.write(json_path)

@@ -13,7 +13,7 @@ from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
     from wakedeploy.gap.evidence.fits import Fit
-    from wakedeploy.gap.systems.logs import LogModel
+    from wakedeploy.gap.systems.likelihood.logs import LogModel
     from wakedeploy.gap.systems.planning.plan import Plan
     from wakedeploy.gap.systems.planning.power import EffectPower
 
@@ -81,10 +81,12 @@ def run_power(
 
 def _least(effect: "EffectPower") -> list[str]:
     """A row of the table, in the words and units of people: of a limit to a rate, the rate."""
-    from wakedeploy.gap.systems.told import per
+    from wakedeploy.gap.systems.answers.reader_units import sizes_as_read
 
     sizes = [effect.detected, effect.named, effect.matters]
-    name, unit, (detected, named, matters) = per(effect.name, effect.parameter, effect.unit, sizes)
+    name, unit, (detected, named, matters) = sizes_as_read(
+        effect.name, effect.parameter, effect.unit, sizes
+    )
     return [effect.name, name, _number(detected), _number(named), effect.rival, _number(matters),
             unit]  # fmt: skip
 

@@ -12,7 +12,7 @@ from wakedeploy.cli.output import json_option, print_table, warn, write_json
 
 if TYPE_CHECKING:
     from wakedeploy.api.systems import Taken
-    from wakedeploy.gap.systems.logs import LogModel
+    from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _NOTHING = 1e-3  # standard deviations that no log shows
@@ -82,9 +82,9 @@ def check(
     Example:
         wakedeploy gap check my_robot.py --measured log.csv
     """
-    from wakedeploy.gap.systems.clocks import late_inputs
+    from wakedeploy.gap.systems.answers.words import late_words
+    from wakedeploy.gap.systems.likelihood.clocks import late_inputs
     from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows, step_notes
-    from wakedeploy.gap.systems.words import late_words
     from wakedeploy.gap.wording import counted
 
     chosen = [path for path in (system_file, system_path) if path is not None]
@@ -208,8 +208,8 @@ def run_steps(
 def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> None:
     """What a step told, the files that it left, and what may follow."""
     from wakedeploy.gap.search.artefacts import Answer, Result
-    from wakedeploy.gap.systems.own_folder import correction_told, planned_in
-    from wakedeploy.gap.systems.words import sentences
+    from wakedeploy.gap.systems.answers.folder import correction_told, planned_in
+    from wakedeploy.gap.systems.answers.words import sentences
 
     told = taken.told
     planned = planned_in(out, told) if isinstance(told, Result) else None

@@ -89,7 +89,10 @@ class FileOrName(click.ParamType[str]):
 
 
 def _refused(param: click.Parameter | None, why: str) -> UnusableInput:
-    return UnusableInput(f"{param.opts[0]}: {why}." if param else f"{why}.")
+    if param is None:
+        return UnusableInput(f"{why}.")
+    is_option = isinstance(param, click.Option)
+    return UnusableInput(f"{param.opts[0] if is_option else param.human_readable_name}: {why}.")
 
 
 def _begun(incomplete: str, names: Sequence[str]) -> list[str]:

@@ -8,8 +8,8 @@ import pytest
 
 from wakedeploy.gap.report.system_page import write_page
 from wakedeploy.gap.search.artefacts import Result
+from wakedeploy.gap.systems.answers.words import first_screen, next_step, remarks
 from wakedeploy.gap.systems.kinds.library import KINDS_BY_ROLE, plain
-from wakedeploy.gap.systems.words import first_screen, next_step, remarks
 
 FRICTION = "coulomb-friction@speed_mps"
 FORCE = {"value": 1.26, "low": 1.01, "high": 1.51, "unit": "N"}

@@ -18,7 +18,7 @@ from wakedeploy.gap.systems.correction import (
     read_correction,
     write_correction,
 )
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.simulation import replay_error
 
 GAIN = 3.0

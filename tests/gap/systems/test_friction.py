@@ -12,8 +12,8 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Fit, Slopes, scores_of
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import REFINES
-from wakedeploy.gap.systems.augmented import Acting
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.augmented import Acting
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.imagined import imagined
 
 MASS_KG, SPRING_N_PER_M, FRICTION_N, RATE_HZ, FINE = 2.0, 30.0, 4.0, 50, 200
@@ -261,4 +261,4 @@ def test_a_finer_friction_that_hardly_matters_to_the_gap_is_told_and_not_named()
     model = rubbed(0.2)
     told = named(model, fitted_base(model))
     assert told.found.hypothesis == ("coulomb-friction@speed_mps",)
-    assert [e["judged"] for e in told.rounds[-1]["ranking"]] == [REFINES]
+    assert [e.judged for e in told.rounds[-1].ranking] == [REFINES]

@@ -8,7 +8,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.search.scan import ranked
 from wakedeploy.gap.search.weighing import crossed, weight_of, without
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 RATE_HZ, N = 100.0, 1200
 HOLD, STEPS = "sample-and-hold@force_n", "quantisation@force_n"

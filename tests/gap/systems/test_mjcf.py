@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.kinds.library import Effect, offered
+from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.mjcf.corrected import CORRECTED, RANGES
 from wakedeploy.gap.systems.mjcf.elements import read_elements
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem

@@ -13,7 +13,7 @@ from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.systems.correction import correction_of
 from wakedeploy.gap.systems.files import read_system
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 TANK = """
 from wakedeploy import Constant, Input, Output, Port, System

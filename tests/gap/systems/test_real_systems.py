@@ -11,7 +11,7 @@ from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.search.results import before_after
 from wakedeploy.gap.systems.files import read_system
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
 
@@ -46,8 +46,8 @@ def test_a_valve_that_does_less_one_way_is_named_beside_loud_moments(recordings)
     told = named(model, fitted_base(model))
     assert told.found.hypothesis == ("asymmetry@valve",)
     searched = told.rounds[0]
-    (valve,) = (e for e in searched["ranking"] if e["name"] == "asymmetry@valve")
-    assert valve["needed_nats"] < valve["gain_nats"] < searched["threshold_nats"]
+    (valve,) = (e for e in searched.ranking if e.name == "asymmetry@valve")
+    assert valve.needed_nats < valve.gain_nats < searched.threshold_nats
     # `benchmarks.real_systems.silent`: of what it does one way it does 0.65 the other
     low, high = told.found.interval("asymmetry@valve.error")
     assert (1.0 - high) / (1.0 + high) < 0.65 < (1.0 - low) / (1.0 + low)

@@ -8,10 +8,10 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.augmented import Acting
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.power import power
 from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
 

@@ -12,7 +12,6 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.search.scan import ranked
-from wakedeploy.gap.systems.augmented import BUMPS, FORM_MOST, Acting
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.correction import (
     correction_of,
@@ -20,7 +19,8 @@ from wakedeploy.gap.systems.correction import (
     write_correction,
 )
 from wakedeploy.gap.systems.kinds.forces import At, LowerStop
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_MOST, Acting
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 RATE = 50.0
 MASS_KG = 2.0

@@ -11,7 +11,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.systems.checks import _tried, checked
 from wakedeploy.gap.systems.files import read_plain, read_system
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import Point
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"

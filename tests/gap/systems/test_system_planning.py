@@ -14,7 +14,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import extended
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.search.judging import fitted_base
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU
 from wakedeploy.gap.systems.planning.known import stated_answer, stated_sizes
 from wakedeploy.gap.systems.planning.plan import Option, Plan, plan, require_names

@@ -29,14 +29,14 @@ from wakedeploy.gap.search.artefacts import (
     SingleSteps,
     Trace,
 )
-from wakedeploy.gap.systems.calibration import constant_rows
+from wakedeploy.gap.systems.answers.calibration import constant_rows
+from wakedeploy.gap.systems.answers.importance import removed_words
+from wakedeploy.gap.systems.answers.reader_units import as_read
+from wakedeploy.gap.systems.answers.words import lacking_of_class
 from wakedeploy.gap.systems.gantry import findings as drawn
 from wakedeploy.gap.systems.gantry.artefacts import Profile
 from wakedeploy.gap.systems.gantry.findings import Gap
-from wakedeploy.gap.systems.importance import removed_words
 from wakedeploy.gap.systems.kinds.library import plain
-from wakedeploy.gap.systems.told import told
-from wakedeploy.gap.systems.words import lacking_of_class
 from wakedeploy.gap.wording import (
     counted,
     listed,
@@ -168,7 +168,7 @@ def _tiles(result: Result) -> list[tuple[str, str]]:
             measured(size.value, size.low, size.high, size.unit),
         )
         for effect in result.effects
-        for name, size in (told(effect.name, *each) for each in effect.parameters.items())
+        for name, size in (as_read(effect.name, *each) for each in effect.parameters.items())
     ]
     for name, error in result.gap.items():
         before, after = quantity(error.before, error.unit), quantity(error.after, error.unit)
@@ -188,7 +188,7 @@ def _sizes(result: Result) -> pages.Table:
             removed_words(effect.forecast),
         ]
         for effect in result.effects
-        for name, size in (told(effect.name, *each) for each in effect.parameters.items())
+        for name, size in (as_read(effect.name, *each) for each in effect.parameters.items())
     ]
     mean = f", mean over {len(result.gap)} outputs" if len(result.gap) > 1 else ""
     removes = f"removes of the squared error{mean}"
@@ -310,7 +310,7 @@ def _drawn(candidate: Ranked) -> drawn.Ranked:
     sizes = {
         name: drawn.Size(value=size.value, low=size.low, high=size.high, unit=size.unit)
         for name, size in (
-            told(candidate.name, key.removeprefix(f"{candidate.name}."), each)
+            as_read(candidate.name, key.removeprefix(f"{candidate.name}."), each)
             for key, each in candidate.parameters.items()
         )
     }

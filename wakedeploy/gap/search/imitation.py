@@ -13,7 +13,7 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Slopes, extended
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import raced
 from wakedeploy.gap.search.comparison import Comparison
-from wakedeploy.gap.search.looking import starts_of, together
+from wakedeploy.gap.search.first_look import starts_of, together
 
 _NEAR = 0.3  # share of the best one's gain that another must have from there to be fitted
 _MOST = 4  # that are fitted from there

@@ -8,23 +8,22 @@ blocks rank nothing; they only withdraw what they do not bear out, and where not
 answer the others rank once more without it.
 """
 
-import copy
 import functools
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
-from wakedeploy.gap.search.anew import begun_anew, bettered
-from wakedeploy.gap.search.beginnings import beginning
+from wakedeploy.gap.search.artefacts import Leftover
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead, searched_on, theta_from
 from wakedeploy.gap.search.outcome import Named, evident_yet_unnamed, verdict_of
+from wakedeploy.gap.search.restarts import begun_anew, bettered
 from wakedeploy.gap.search.rounds import with_one_more
 from wakedeploy.gap.search.scan import NOTHING
+from wakedeploy.gap.search.starting_constants import beginning
 from wakedeploy.gap.search.weighing import crossed, is_outdone, unfitted, unseen, weight_of
 from wakedeploy.gap.search.withdrawal import borne_out, still_needed, with_sizes
 
@@ -83,7 +82,7 @@ def _further_ahead(far: Comparison, near: Named, progress: Progress) -> Named:
     part, begun = _on_part(far, base)
     start = theta_from(part, hypothesis, near.found, begun)
     found = settled(part, fit(part, hypothesis, base.episodes, start))[0]
-    rounds = copy.deepcopy(near.rounds)
+    rounds = list(near.rounds)
     outcome = replace(near, model=far, base=begun, found=found, rounds=rounds)
     return _searched(far, base, outcome, progress)
 
@@ -96,7 +95,7 @@ def _on_part(model: Comparison, base: Fit) -> tuple[Comparison, Fit]:
     return part, settled(part, fit(part, (), base.episodes, base.theta))[0]
 
 
-def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[dict[str, Any], ...]:
+def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[Leftover, ...]:
     """What still acts beside what was named far ahead, where no push can say so."""
     acting = getattr(model, "leftovers", None)
     if acting is None:
@@ -104,8 +103,8 @@ def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[dict[st
     hypothesis = again.found.hypothesis
     start = theta_from(model, hypothesis, outcome.found, again.found)
     fitted = settled(model, fit(model, hypothesis, outcome.found.episodes, start))[0]
-    left: tuple[dict[str, Any], ...] = acting(fitted)
-    return left
+    pushes: tuple[Leftover, ...] = acting(fitted)
+    return pushes
 
 
 def _named(
@@ -178,7 +177,7 @@ def _found(
     outcome, withdrawn = _stays(model, outcome)
     if outcome.found.hypothesis or not withdrawn or start.withdrawn:
         return outcome
-    rounds, alone = copy.deepcopy(outcome.rounds), outcome.alone
+    rounds, alone = list(outcome.rounds), outcome.alone
     start = replace(start, rounds=rounds, alone=alone, withdrawn=withdrawn)
     again = _found(model, base, start, progress, {})
     return again if again.found.hypothesis else outcome

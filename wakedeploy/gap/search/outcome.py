@@ -6,13 +6,13 @@ word.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.artefacts import Forecast, Leftover, Round
 from wakedeploy.gap.search.comparison import Comparison
-from wakedeploy.gap.search.evident import Chance
+from wakedeploy.gap.search.needed_gain import Chance
 from wakedeploy.gap.search.scan import elaborates
 from wakedeploy.gap.search.weighing import Weight
 
@@ -29,7 +29,7 @@ ACCEPTED = "accepted"
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """What was named: fits without and with it, rounds as JSON has them, and rivals of a class.
+    """What was named: fits without and with it, its rounds, and rivals of a class.
 
     The fits are of `model`: the one that was asked, or that one asked far ahead.
     `weights` say how much each effect improves forecasts of the blocks that it was found on,
@@ -41,11 +41,11 @@ class Named:
     model: Comparison
     base: Fit
     found: Fit
-    rounds: list[dict[str, Any]]
+    rounds: list[Round]
     rivals: tuple[str, ...] = ()
     weights: Mapping[str, Weight] = field(default_factory=dict)
     unsettled: tuple[str, ...] = ()
-    leftover: tuple[dict[str, Any], ...] = ()
+    leftover: tuple[Leftover, ...] = ()
     alone: tuple[Candidate, ...] = ()  # every effect without any other
     is_outdone: bool = False
     is_far_ahead: bool = False
@@ -58,16 +58,16 @@ def verdict_of(outcome: Named) -> str:
         return "class" if len(outcome.rivals) <= RULES.most_in_class else "unknown"
     if outcome.found.hypothesis:
         return "named"
-    doubtful = any(f["share"] > RULES.unexplained_share for f in evident_yet_unnamed(outcome))
-    acts = any(push["matters"] for push in outcome.leftover)
+    doubtful = any(f.share > RULES.unexplained_share for f in evident_yet_unnamed(outcome))
+    acts = any(push.matters for push in outcome.leftover)
     return "unknown" if doubtful or acts or outcome.is_outdone else "none"
 
 
-def evident_yet_unnamed(outcome: Named) -> list[dict[str, float]]:
+def evident_yet_unnamed(outcome: Named) -> list[Forecast]:
     """What forecasts would gain by each effect that is evident where nothing was named."""
     if outcome.found.hypothesis:
         return []
-    return [e["forecast"] for r in outcome.rounds for e in r["ranking"] if "forecast" in e]
+    return [e.forecast for r in outcome.rounds for e in r.ranking if e.forecast is not None]
 
 
 def left_of(outcome: Named, found: Fit) -> Named:
@@ -85,13 +85,15 @@ def still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
     return distinct if len(distinct) > 1 else ()
 
 
-def chance_of(searched: Mapping[str, Any]) -> Chance:
+def chance_of(searched: Round) -> Chance:
     """What chance brings to the effects of a round."""
-    return Chance(searched["threshold_nats"], searched["steady_nats"])
+    return Chance(searched.threshold_nats, searched.steady_nats)
 
 
-def mark(searched: dict[str, Any], name: str, why: str) -> None:
-    """Write into a round why an effect of its ranking is not named."""
-    for entry in searched["ranking"]:
-        if entry["name"] == name:
-            entry["judged"] = why
+def marked(searched: Round, name: str, why: str) -> Round:
+    """A round that says why an effect of its ranking is not named."""
+    ranking = [
+        entry.model_copy(update={"judged": why}) if entry.name == name else entry
+        for entry in searched.ranking
+    ]
+    return searched.model_copy(update={"ranking": ranking})

@@ -18,7 +18,6 @@ from wakedeploy.gap.search.artefacts import (
     Effect,
     Error,
     Forecast,
-    Leftover,
     Map,
     Place,
     Placebo,
@@ -64,14 +63,13 @@ def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
 def answer_of(outcome: Named, key: str = "") -> Answer:
     """Which effects, and how large they are."""
     model = outcome.model
-    rounds = [Round.model_validate(searched) for searched in outcome.rounds]
-    sizes = _sizes(model, outcome.found, rounds)
+    sizes = _sizes(model, outcome.found, outcome.rounds)
     return Answer(
         domain=model.name,
         key=key,
         verdict=verdict_of(outcome),
         rivals=list(outcome.rivals),
-        threshold_nats=rounds[0].threshold_nats if rounds else 0.0,
+        threshold_nats=outcome.rounds[0].threshold_nats if outcome.rounds else 0.0,
         effects=[_effect(outcome, name, sizes) for name in outcome.found.hypothesis],
         parameters=sizes,
         constants=_constants(outcome.found),
@@ -80,9 +78,9 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         late=_late(model, outcome.base),
         late_by_a_row=_late_by_a_row(model, outcome.found),
         noise=_noise(outcome.found),
-        rounds=rounds,
+        rounds=outcome.rounds,
         unsettled=list(outcome.unsettled),
-        unexplained=[Leftover.model_validate(push) for push in outcome.leftover],
+        unexplained=list(outcome.leftover),
         sealed_gain_nats=_sealed_gain(model, outcome.base, outcome.found),
         placebo=_placebo(model, outcome),
         is_outdone=outcome.is_outdone,
@@ -163,7 +161,7 @@ def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
 
     Of the first ranking, without what was found and without the members of any round's class.
     """
-    claimed = {*outcome.found.hypothesis, *(n for r in outcome.rounds for n in r.get("class", ()))}
+    claimed = {*outcome.found.hypothesis, *(n for r in outcome.rounds for n in r.rivals)}
     wrong = next((c for c in outcome.alone if c.name not in claimed), None)
     if not outcome.found.hypothesis or wrong is None:
         return None

@@ -3,15 +3,14 @@
 In: an outcome. Out: the outcome with one more effect, or a pair of them; None where there is none.
 
 An effect is evident if it gains more than chance on blocks that it was not fitted to, or less if it
-does so steadily (`evident.py`), and in more than one of them. It matters if forecasts of the blocks
-get better by it, each with parameters that other blocks prefer. One that does not matter does not
-end the search: the next one is tried, and a pair with it.
+does so steadily (`needed_gain.py`), and in more than one of them. It matters if forecasts of the
+blocks get better by it, each with parameters that other blocks prefer. One that does not matter
+does not end the search: the next one is tried, and a pair with it.
 """
 
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,9 +19,10 @@ from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.alike_ports import Twins, twins
+from wakedeploy.gap.search.artefacts import Forecast, Ranked, Round
 from wakedeploy.gap.search.comparison import Comparison, errors
-from wakedeploy.gap.search.evident import is_shared, needed_nats
-from wakedeploy.gap.search.extent import is_steady
+from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
 from wakedeploy.gap.search.outcome import (
     ACCEPTED,
     CHANCE,
@@ -34,7 +34,7 @@ from wakedeploy.gap.search.outcome import (
     WORSE,
     Named,
     chance_of,
-    mark,
+    marked,
     still_open,
 )
 from wakedeploy.gap.search.rivalry import (
@@ -46,8 +46,8 @@ from wakedeploy.gap.search.rivalry import (
     undecided,
 )
 from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, simpler
+from wakedeploy.gap.search.size_bounds import is_steady
 from wakedeploy.gap.search.sizes import least_squares, parameters
-from wakedeploy.gap.search.twins import Twins, twins
 from wakedeploy.gap.search.weighing import Weight, crossed, share_of_gap, weight_of
 
 _TRIED = 6  # candidates of a round whose forecasts are looked at
@@ -100,21 +100,13 @@ def _judged_round(
         for effect, nats in zip(ranking[:_TRIED], needed, strict=False)
     ]
     verdicts += [Verdict(effect, "") for effect in ranking[_TRIED:]]
-    entries = [
-        _entry(c, found) | {"needed_nats": nats} for c, nats in zip(ranking, needed, strict=True)
-    ]
-    for entry, verdict in zip(entries, verdicts, strict=True):
-        if verdict.why:
-            entry["judged"] = verdict.why
-        if verdict.weight is not None:
-            entry["forecast"] = asdict(verdict.weight)
     outcome.rounds.append(
-        {
-            "given": list(found.hypothesis),
-            "threshold_nats": chance.nats,
-            "steady_nats": chance.without_loud_nats,
-            "ranking": entries,
-        }
+        Round(
+            given=list(found.hypothesis),
+            threshold_nats=chance.nats,
+            steady_nats=chance.without_loud_nats,
+            ranking=[_entry(v, nats, found) for v, nats in zip(verdicts, needed, strict=True)],
+        )
     )
     return verdicts
 
@@ -222,12 +214,10 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
         better, still = settled(model, effect.fit)
         follows = candidate(outcome.found, effect.name, better)
         if not _is_something(follows, searched):
-            mark(searched, effect.name, NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK)
+            why = NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK
+            searched = outcome.rounds[-1] = marked(searched, effect.name, why)
             continue
-        searched["chosen"] = effect.name
-        searched["class"] = list(members)
-        searched["accepted"] = parameters(better, (effect.name,), least_squares(model, better))
-        searched["sealed_error"] = errors(model, better, model.sealed())
+        outcome.rounds[-1] = _with_chosen(model, searched, better, (effect.name,), members)
         rivals = still_open(better, members if len(members) > 1 else outcome.rivals)
         unsettled = outcome.unsettled if still else (*outcome.unsettled, effect.name)
         weights = {**outcome.weights, effect.name: weight}
@@ -235,9 +225,9 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
     return None
 
 
-def _is_something(effect: Candidate, searched: Mapping[str, Any]) -> bool:
+def _is_something(effect: Candidate, searched: Round) -> bool:
     """Whether a gain is more than one block's, and the effect's size or its blocks exclude none."""
-    needed = needed_nats(effect, chance_of(searched), len(searched["ranking"]))
+    needed = needed_nats(effect, chance_of(searched), len(searched.ranking))
     return is_shared(effect, needed) and (
         not is_nothing(effect.fit, effect.name)
         or effect.gain_interval()[0] > 0.0
@@ -256,7 +246,7 @@ def _twins(
     if outcome.rivals:
         return None
     found, searched = outcome.found, outcome.rounds[-1]
-    needed = {each["name"]: each["needed_nats"] for each in searched["ranking"]}
+    needed = {each.name: each.needed_nats for each in searched.ranking}
     fitted = twins(model, found, verdicts, needed, RULES.most_effects)
     if not fitted:
         return None
@@ -271,11 +261,10 @@ def _twins(
     if any(rivals_with(best.candidate, other.candidate) for other in others):
         return _one_by_one(model, outcome, best, verdicts, progress)
     better = best.candidate.fit
-    searched["chosen"], searched["class"] = best.names[0], [best.names[0]]
-    searched["accepted"] = parameters(better, best.names, least_squares(model, better))
-    searched["sealed_error"] = errors(model, better, model.sealed())
+    searched = _with_chosen(model, searched, better, best.names, best.names[:1])
     for name in best.names:
-        mark(searched, name, ACCEPTED)
+        searched = marked(searched, name, ACCEPTED)
+    outcome.rounds[-1] = searched
     weights = {**outcome.weights, **dict.fromkeys(best.names, verdict.weight)}
     restless = () if best.is_at_rest else best.names
     unsettled = (*outcome.unsettled, *restless)
@@ -340,15 +329,32 @@ def _pair(
     return None
 
 
-def _entry(effect: Candidate, base: Fit) -> dict[str, Any]:
-    low, high = effect.gain_interval()
-    return {
-        "name": effect.name,
-        "gain_nats": effect.gain_nats,
-        "interval": [low, high],
-        "parameters": parameters(effect.fit, (effect.name,)),
-        "note": _note(effect, base),
-    }
+def _entry(verdict: Verdict, needed: float, base: Fit) -> Ranked:
+    effect, weight = verdict.candidate, verdict.weight
+    return Ranked(
+        name=effect.name,
+        gain_nats=effect.gain_nats,
+        needed_nats=needed,
+        interval=effect.gain_interval(),
+        parameters=parameters(effect.fit, (effect.name,)),
+        note=_note(effect, base),
+        judged=verdict.why,
+        forecast=None if weight is None else Forecast(**asdict(weight)),
+    )
+
+
+def _with_chosen(
+    model: Comparison, searched: Round, better: Fit, names: Sequence[str], members: Sequence[str]
+) -> Round:
+    """A round with what was chosen in it: effects, a class that the first is of, and their fit."""
+    return searched.model_copy(
+        update={
+            "chosen": names[0],
+            "rivals": list(members),
+            "accepted": parameters(better, names, least_squares(model, better)),
+            "sealed_error": errors(model, better, model.sealed()),
+        }
+    )
 
 
 def _note(effect: Candidate, base: Fit) -> str:

@@ -15,9 +15,9 @@ from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import begun, climbed, finished, raced, sized, to_the_end
 from wakedeploy.gap.search.comparison import Comparison, is_far_ahead
-from wakedeploy.gap.search.evident import Chance
+from wakedeploy.gap.search.first_look import Ground, Look, looks, white_rest
 from wakedeploy.gap.search.imitation import imitated
-from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
+from wakedeploy.gap.search.needed_gain import Chance
 
 CLIMBED = 6  # candidates that are raced
 _ALIKE, _MOST_ALIKE = 0.6, 4  # cosine of look-alikes, and how many are climbed to the end

@@ -10,10 +10,10 @@ from wakedeploy.gap.evidence.fits import Fit, prior_precision
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.search.comparison import Comparison, theta_from
-from wakedeploy.gap.search.evident import is_shared, needed_nats
-from wakedeploy.gap.search.extent import profiled
-from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, chance_of, left_of, mark
+from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
+from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, chance_of, left_of, marked
 from wakedeploy.gap.search.rivalry import is_nothing
+from wakedeploy.gap.search.size_bounds import profiled
 from wakedeploy.gap.search.weighing import helps
 
 _PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
@@ -25,7 +25,7 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
     if not outcome.rounds:
         return outcome
     chance = max(map(chance_of, outcome.rounds))
-    tried = max(len(r["ranking"]) for r in outcome.rounds)
+    tried = max(len(r.ranking) for r in outcome.rounds)
     for name in found.hypothesis[:-1]:
         if _evident_by_size(found, name) > _PLAINLY * chance.nats:
             continue
@@ -44,8 +44,7 @@ def with_sizes(model: Comparison, outcome: Named) -> Named:
         if is_nothing(found, name):
             found = profiled(model, found, name)
             if is_nothing(found, name):
-                for searched in outcome.rounds:
-                    mark(searched, name, NO_SIZE)
+                outcome.rounds[:] = [marked(r, name, NO_SIZE) for r in outcome.rounds]
                 found = _without(model, found, name)
     return left_of(outcome, found)
 
@@ -57,8 +56,7 @@ def borne_out(model: Comparison, outcome: Named) -> Named:
         without = _without(model, found, name) if len(found.hypothesis) > 1 else outcome.base
         if helps(model, without, found, model.sealed()):
             continue
-        for searched in outcome.rounds:
-            mark(searched, name, UNSEEN_WORSE)
+        outcome.rounds[:] = [marked(r, name, UNSEEN_WORSE) for r in outcome.rounds]
         found = without
     return left_of(outcome, found)
 

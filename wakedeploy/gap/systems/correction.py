@@ -18,7 +18,7 @@ from wakedeploy.core.validation import first_problem
 
 if TYPE_CHECKING:
     from wakedeploy.gap.evidence.fits import Fit
-    from wakedeploy.gap.systems.logs import LogModel
+    from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 VERSION = 5
 _ENDS = ("lowest ", "highest ", "top ", "bottom ")

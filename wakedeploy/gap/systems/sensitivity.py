@@ -18,11 +18,11 @@ from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
-from wakedeploy.gap.search.looking import Ground, look
-from wakedeploy.gap.systems.blocks import SHORTEST, Log
+from wakedeploy.gap.search.first_look import Ground, look
 from wakedeploy.gap.systems.checks import MOST_STEPS
-from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.wrapping import own_wraps
+from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.wrapped_angles import own_wraps
 from wakedeploy.gap.wording import counted, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart

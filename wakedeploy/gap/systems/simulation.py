@@ -4,9 +4,9 @@ import numpy as np
 
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import FloatArray
-from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.kinds.library import offered
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.augmented import Acting
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import System
 
 

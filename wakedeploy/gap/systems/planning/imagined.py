@@ -12,10 +12,10 @@ import numpy as np
 from scipy.signal import lfilter
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
-from wakedeploy.gap.systems.augmented import Acting
-from wakedeploy.gap.systems.between import between
-from wakedeploy.gap.systems.blocks import parts_in_step
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.augmented import Acting
+from wakedeploy.gap.systems.likelihood.between_samples import between
+from wakedeploy.gap.systems.likelihood.blocks import parts_in_step
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.physics.friction import rubbed
 
 _FINE = 4  # steps of one of the model's

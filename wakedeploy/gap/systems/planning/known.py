@@ -8,7 +8,7 @@ from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.search.artefacts import Answer, object_of, stated
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 NAME = "name.json"
 _ANEW = "run `wakedeploy gap name` anew, with the same --system, --measured and --out"

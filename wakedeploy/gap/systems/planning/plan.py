@@ -19,7 +19,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.ascent import slopes_at
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.progress import Steps, uncounted
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU, Excitation
 from wakedeploy.gap.systems.planning.imagined import imagined
 from wakedeploy.gap.systems.planning.responses import Responses, lost_nats

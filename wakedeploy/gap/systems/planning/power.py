@@ -15,7 +15,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.responses import GRID, Responses, lost_nats
 
 SURE = 0.8  # of the logs

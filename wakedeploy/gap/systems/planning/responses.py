@@ -19,7 +19,7 @@ from wakedeploy.gap.evidence.fits import (
     scores_of,
 )
 from wakedeploy.gap.evidence.separation import whitened
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 GRID = 10.0 ** np.linspace(-4.0, 0.5, 10)  # multiples of a usual size
 

@@ -1,0 +1,139 @@
+"""What ports lack alike: a robot on two wheels, integrated here, whose sides are the same."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import verdict_of
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+
+RATE, FINE = 20.0, 50
+MASS_KG, INERTIA, HALF_M, PUSH_NPV, BACK = 6.0, 0.12, 0.16, 1.8, 9.0
+FRICTION_N, SAG_PER_S = 1.5, -0.012
+
+
+class Rover(System):
+    """Two motors push; a force at a wheel moves the robot and turns it."""
+
+    rate_hz = RATE
+    inputs: ClassVar = [Input("left_v", "V"), Input("right_v", "V")]
+    states: ClassVar = {"left_mps": "m/s", "right_mps": "m/s"}
+    outputs: ClassVar = [
+        Output("left_mps", "m/s", noise=5e-3),
+        Output("right_mps", "m/s", noise=5e-3),
+    ]
+    constants: ClassVar = [
+        Constant("mass_kg", 6.1, spread=0.1),
+        Constant("inertia", 0.115, spread=0.01, unit="kg m^2"),
+        Constant("push_n_per_v", 1.75, spread=0.1),
+        Constant("back", 8.8, spread=0.5, unit="N/(m/s)"),
+    ]
+    ports: ClassVar = [
+        Port.input("left_v", kinds=["drift", "gain"]),
+        Port.input("right_v", kinds=["drift", "gain"]),
+        Port.force("left_mps", inertia="mass_kg", kinds=["coulomb-friction", "stribeck-friction"]),
+        Port.force("right_mps", inertia="mass_kg", kinds=["coulomb-friction", "stribeck-friction"]),
+    ]
+
+    def derivative(self, state, inputs, c):
+        return self.derivative_under(state, inputs, c, {})
+
+    def derivative_under(self, state, inputs, c, forces):
+        left, right = (
+            c.push_n_per_v * volts - c.back * speed + forces.get(name, 0.0)
+            for name, volts, speed in (
+                ("left_mps", inputs.left_v, state.left_mps),
+                ("right_mps", inputs.right_v, state.right_mps),
+            )
+        )
+        forward, turn = (left + right) / c.mass_kg, HALF_M**2 * (right - left) / c.inertia
+        return {"left_mps": forward - turn, "right_mps": forward + turn}
+
+
+def _driven(seed: int, friction_n: float = 0.0, sag_per_s: float = 0.0) -> Recording:
+    """Random steps of both motors, in small steps of Euler's method."""
+    rng = np.random.default_rng(seed)
+    n = 400
+    volts = np.repeat(rng.uniform(-6.0, 6.0, (n // 20, 2)), 20, axis=0)
+    speeds, shown, dt = np.zeros(2), np.empty((n, 2)), 1.0 / RATE / FINE
+    for k in range(n):
+        shown[k] = speeds
+        for i in range(FINE):
+            sag = 1.0 + sag_per_s * (k / RATE + i * dt)
+            pushes = PUSH_NPV * sag * volts[k] - BACK * speeds
+            pushes -= friction_n * np.tanh(speeds / 2e-3)
+            forward, turn = pushes.sum() / MASS_KG, HALF_M**2 * (pushes[1] - pushes[0]) / INERTIA
+            speeds = speeds + dt * np.array([forward - turn, forward + turn])
+    shown += 5e-3 * rng.standard_normal((n, 2))
+    columns = {"left_v": volts[:, 0], "right_v": volts[:, 1]}
+    columns |= {"left_mps": shown[:, 0], "right_mps": shown[:, 1]}
+    return Recording(f"drive {seed}", np.arange(n) / RATE, columns)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "names", "size", "truth"),
+    [
+        (
+            {"friction_n": FRICTION_N},
+            {"coulomb-friction@left_mps", "coulomb-friction@right_mps"},
+            "force",
+            FRICTION_N,
+        ),
+        ({"sag_per_s": SAG_PER_S}, {"drift@left_v", "drift@right_v"}, "rate", SAG_PER_S),
+    ],
+)
+def test_what_both_sides_lack_is_named_at_both(hidden, names, size, truth):
+    """Given to one side it turns the robot: that side's was turned down, or took another shape."""
+    model = LogModel(Rover(), [_driven(seed, **hidden) for seed in (1, 2)])
+    naming = named(model, fitted_base(model))
+    assert verdict_of(naming) == "named"
+    assert set(naming.found.hypothesis) == names
+    for name in names:
+        low, high = naming.found.interval(f"{name}.{size}")
+        assert low < truth < high or naming.found.value(f"{name}.{size}") == pytest.approx(
+            truth, rel=0.05
+        )
+
+
+def test_one_constant_that_explains_both_sides_is_named_alone():
+    """A kind at both motors gains as much, and takes two sizes for it."""
+
+    class Weak(Rover):
+        constants: ClassVar = [
+            Constant("mass_kg", MASS_KG),
+            Constant("inertia", INERTIA, unit="kg m^2"),
+            Constant("push_n_per_v", 1.6),
+            Constant("back", BACK, unit="N/(m/s)"),
+        ]
+        ports: ClassVar = [*Rover.ports, Port.constant("push_n_per_v", kinds=["scale"])]
+
+    model = LogModel(Weak(), [_driven(seed) for seed in (1, 2)])
+    naming = named(model, fitted_base(model))
+    assert naming.found.hypothesis == ("scale@push_n_per_v",)
+
+
+def test_ports_are_alike_that_take_the_same_unit():
+    model = LogModel(Rover(), [_driven(1)])
+    assert model.ports_alike("drift@left_v") == ["drift@right_v"]
+    assert model.ports_alike("coulomb-friction@left_mps") == ["coulomb-friction@right_mps"]
+    wind = [Input("left_v", "V"), Input("right_v", "m/s")]
+    assert not LogModel(type("Windy", (Rover,), {"inputs": wind})(), [_driven(1)]).ports_alike(
+        "drift@left_v"
+    )
+
+
+def test_what_one_side_lacks_is_named_at_that_side():
+    class Lame(Rover):
+        pass
+
+    log = [_driven(seed) for seed in (1, 2)]
+    for each in log:
+        each.columns["left_v"][:] *= 1.15  # as commanded; the left motor has less of it
+    model = LogModel(Lame(), log)
+    naming = named(model, fitted_base(model))
+    assert naming.found.hypothesis == ("gain@left_v",)
+    assert naming.found.value("gain@left_v.error") == pytest.approx(1 / 1.15 - 1, abs=0.02)

@@ -1,0 +1,66 @@
+"""What to do about an unknown: what is most useful here, and where all ways stand."""
+
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tests.gap.report.test_system_page import result
+from wakedeploy.gap.systems.answers.next_commands import next_commands
+from wakedeploy.gap.systems.answers.words import next_step, sentences
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGE = "docs/how-to/unknown.md"
+LAW = {"coordinate": "yaw_rad", "by_direction": False, "removes": 0.5, "low": 0.32, "high": 0.69}
+
+
+def push(state: str = "speed_mps", **changed: object) -> dict[str, object]:
+    return {"state": state, "sd": 0.45, "unit": "m/s/s", "lasts_s": 4.7, "share": 0.5,
+            "matters": True} | changed  # fmt: skip
+
+
+def unknown(**changed: object):
+    return result(**({"verdict": "unknown", "effects": []} | changed))
+
+
+def test_a_law_over_a_coordinate_is_a_term_to_write() -> None:
+    small = LAW | {"coordinate": "left_v", "removes": 0.09}
+    step = next_step(unknown(unexplained=[push("turn_radps", law=small), push(law=LAW)]))
+    assert step.startswith(
+        "Write the term that is missing: what acts on speed_mps follows yaw_rad, which the rate of "
+        "speed_mps in your equations does not have, or not so."
+    )
+
+
+def test_a_push_without_a_law_is_something_to_log() -> None:
+    no_use = LAW | {"removes": -0.1}
+    for pushes in ([push()], [push(law=no_use)]):
+        step = next_step(unknown(unexplained=pushes))
+        assert step.startswith("Look for what acts on speed_mps and stands in no column")
+
+
+def test_too_many_rivals_are_told_apart_by_an_input() -> None:
+    rivals = ["a@x", "b@x", "c@x", "d@x"]
+    answer = unknown(**{"class": rivals})
+    assert next_step(answer).startswith("Record an input that tells these apart, if there is one.")
+    (command,) = next_commands(answer, Path("r.py"), [Path("a.csv")], None, Path("gap"))
+    assert shlex.split(command)[:3] == ["wakedeploy", "gap", "plan"]
+
+
+def test_without_any_of_these_units_come_first() -> None:
+    answer = unknown()
+    assert next_step(answer).startswith("See whether units and samples are right")
+    (command,) = next_commands(answer, Path("r.py"), [Path("a.csv")], None, Path("gap"))
+    assert shlex.split(command)[:3] == ["wakedeploy", "gap", "check"]
+
+
+@pytest.mark.parametrize(
+    "changed", [{}, {"unexplained": [push()]}, {"class": ["a", "b", "c", "d"]}]
+)
+def test_every_unknown_points_to_the_page_that_has_all_ways(changed) -> None:
+    assert f"{PAGE}#of-a-system-of-your-own" in next_step(unknown(**changed))
+    assert "## Of a system of your own" in (ROOT / PAGE).read_text("utf-8")
+
+
+def test_of_an_unknown_no_error_stands_as_after() -> None:
+    assert "  cart_m: rms forecast error 47 mm" in sentences(unknown())

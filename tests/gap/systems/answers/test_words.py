@@ -1,0 +1,168 @@
+"""What the first screen says of an answer: which outputs gain, which lose, in plain words."""
+
+import pytest
+
+from tests.gap.report.test_system_page import result
+from wakedeploy.gap.systems.answers.words import sentences
+
+LAG = "lag@steer_rad"
+SHARE = {"share": 0.5, "low": 0.41, "high": 0.59}
+
+
+def told(gap: dict[str, tuple[float, float]], **changed: object) -> list[str]:
+    """The screen of an answer whose outputs, in rad, erred so before and after."""
+    errors = {n: {"before": b, "after": a, "unit": "rad"} for n, (b, a) in gap.items()}
+    return sentences(result(gap=errors, **changed))
+
+
+def matters(gap: dict[str, tuple[float, float]], **changed: object) -> str:
+    (line,) = [x for x in told(gap, **changed) if x.startswith("Does it matter? ")]
+    return line.removeprefix("Does it matter? ")
+
+
+def test_of_one_output_both_errors_are_told() -> None:
+    assert matters({"cart": (0.47, 0.015)}) == (
+        "Yes. With it, forecasts 0.90 s ahead of blocks kept apart are off by less: cart by "
+        "0.0150 rad instead of 0.47 rad."
+    )
+
+
+def test_only_outputs_that_change_are_named_what_gains_most_first() -> None:
+    said = matters({"a": (1.0, 0.99), "b": (1.0, 0.6), "c": (1.0, 0.1), "d": (1.0, 1.01)})
+    assert said.endswith(
+        "are off by less: c by 0.100 rad instead of 1.00 rad and b by 0.60 rad instead of 1.00 "
+        "rad. The others hardly change."
+    )
+
+
+def test_an_output_that_gets_worse_is_named() -> None:
+    said = matters({"speed": (0.0191, 0.0207), "gyro": (0.116, 0.0117)})
+    assert "off by less: gyro by 0.0117 rad instead of 0.116 rad." in said
+    assert said.endswith("speed gets worse: off by 0.0207 rad instead of 0.0191 rad.")
+
+
+def test_of_many_outputs_three_are_named() -> None:
+    said = matters({f"q{i}": (1.0, 0.1 + 0.05 * i) for i in range(6)})
+    assert "q2 by 0.200 rad instead of 1.00 rad and 3 more." in said
+    assert "q3" not in said
+
+
+def test_the_effects_are_listed_once() -> None:
+    effects = [
+        {"name": name, "parameters": {}, "forecast": SHARE} for name in (LAG, "drag@v", "gain@v")
+    ]
+    said = matters({"a": (1.0, 0.1), "b": (1.0, 0.2), "c": (1.0, 0.3)}, effects=effects)
+    assert said.startswith(f"Yes. With `{LAG}`, `drag@v` and `gain@v`, forecasts")
+    assert said.count(LAG) == 1
+
+
+@pytest.mark.parametrize(
+    ("gap", "said"),
+    [
+        ({"a": (1.0, 0.97), "b": (1.0, 1.0)}, "Hardly. With it, forecasts 0.90 s ahead of blocks "
+         "kept apart change by a trifle: a is off by 0.97 rad instead of 1.00 rad."),
+        ({"a": (1.0, 1.3)}, "Forecasts 0.90 s ahead of blocks kept apart get no better with it. a "
+         "gets worse: off by 1.30 rad instead of 1.00 rad."),
+        ({"a": (0.0, 0.0), "b": (1.0, 0.5)}, "Yes. With it, forecasts 0.90 s ahead of blocks kept "
+         "apart are off by less: b by 0.50 rad instead of 1.00 rad. The others hardly change."),
+        ({"a": (float("nan"), float("nan")), "b": (1.0, 0.5)}, "Yes. With it, forecasts 0.90 s "
+         "ahead of blocks kept apart are off by less: b by 0.50 rad instead of 1.00 rad."),
+    ],
+)  # fmt: skip
+def test_what_gains_little_or_nothing_is_said_as_it_is(
+    gap: dict[str, tuple[float, float]], said: str
+) -> None:
+    assert matters(gap) == said
+
+
+def removes(gap: dict[str, tuple[float, float]], **changed: object) -> str:
+    effect = {"name": LAG, "parameters": {}, "forecast": SHARE}
+    screen = told(gap, **({"effects": [effect]} | changed))
+    (line,) = [line for line in screen if line.startswith(f"  {LAG}: ")]
+    return line.removeprefix(f"  {LAG}: ")
+
+
+def test_of_one_output_the_share_is_that_outputs() -> None:
+    assert removes({"a": (1.0, 0.7)}) == (
+        "removes 50 % (41 % to 59 %) of the squared forecast error where it was not fitted."
+    )
+
+
+def test_of_several_outputs_the_share_is_told_of_the_one_that_gains_most() -> None:
+    """Half of the error of two outputs is all of one: the mean alone hides that."""
+    assert removes({"speed": (0.0191, 0.0207), "gyro": (0.4, 0.04)}) == (
+        "removes 99 % of the squared forecast error of gyro on blocks kept apart; as a mean over "
+        "the 2 outputs 50 % (41 % to 59 %) where it was not fitted."
+    )
+    screen = told({"speed": (0.02, 0.022), "gyro": (0.4, 0.04)})
+    assert (
+        "  gyro: rms forecast error 0.40 rad before, 0.040 rad after; its square falls by 99 %"
+        in screen
+    )
+    assert (
+        "  speed: rms forecast error 0.0200 rad before, 0.0220 rad after; its square grows by 21 %"
+        in screen
+    )
+
+
+def test_of_several_effects_no_output_is_given_to_one() -> None:
+    effects = [{"name": name, "parameters": {}, "forecast": SHARE} for name in (LAG, "gain@v")]
+    assert removes({"a": (1.0, 0.9), "b": (1.0, 0.1)}, effects=effects) == (
+        "removes 50 % (41 % to 59 %) of the squared forecast error where it was not fitted, as a "
+        "mean over the 2 outputs."
+    )
+
+
+BASE = {"value": 0.3019, "low": 0.3005, "high": 0.3033, "unit": "m"}
+TOP = {"value": 4.0, "low": 3.9, "high": 4.1, "unit": "m/s"}
+MOVED = {
+    "constants": {"wheelbase_m": BASE, "top_mps": TOP},
+    "stated": {"wheelbase_m": 0.325, "top_mps": 4.0},
+    "moved": {"wheelbase_m": -4.6},
+}
+
+
+def ranked(gains: dict[str, float], given: list[str]) -> dict[str, object]:
+    ranking = [
+        {"name": n, "gain_nats": g, "needed_nats": 5.0, "interval": [g, g], "parameters": {}}
+        for n, g in gains.items()
+    ]
+    return {"given": given, "threshold_nats": 5.0, "steady_nats": 5.0, "ranking": ranking}
+
+
+def test_a_constant_that_moved_is_told_from_where_to_where() -> None:
+    doubt = sentences(result(**MOVED))[0]
+    assert doubt.startswith(
+        "Doubt what follows: to fit, the search moved wheelbase_m (from 0.325 m to 0.3019 m) by 5 "
+        "of the spreads that the system states. A unit may be wrong, there or of a column."
+    )
+
+
+def test_a_gain_that_stands_unnamed_beside_it_may_be_what_moved_it() -> None:
+    rounds = [
+        ranked({"sensor-gain@early": 50.0}, []),
+        ranked({"sensor-gain@gyro": 10.4, "gain@steer": 0.3, "lag@steer": 8.0}, ["drag@v"]),
+    ]
+    doubt = sentences(result(**MOVED, rounds=rounds))[0]
+    assert doubt.endswith(
+        "Or it stands for an effect that was ranked and not named: `sensor-gain@gyro`."
+    )
+    quiet = [ranked({"sensor-gain@gyro": 0.4}, [])]
+    assert "Or it stands" not in sentences(result(**MOVED, rounds=quiet))[0]
+
+
+def test_constants_as_fitted_stand_in_the_details() -> None:
+    screen = sentences(result(**MOVED))
+    at = screen.index("  Constants, as fitted beside it:")
+    assert screen[at + 1 : at + 3] == [
+        "    wheelbase_m: stated 0.325 m, fitted 0.3019 m (0.3005 to 0.3033)",
+        "    top_mps: stated 4 m/s, fitted 4.00 m/s (3.90 to 4.10)",
+    ]
+    names = [f"k{i}_m" for i in range(30)]
+    many = {"constants": dict.fromkeys(names, BASE), "stated": dict.fromkeys(names, 0.3)}
+    lines = sentences(result(**many))
+    assert sum(line.startswith("    k") for line in lines) == 12
+    assert "    and 18 more, in the report" in lines
+    alone = sentences(result(verdict="unknown", effects=[], **MOVED))
+    assert "  Constants, as fitted:" in alone
+    assert not any("Constants" in line for line in sentences(result(verdict="none", effects=[])))

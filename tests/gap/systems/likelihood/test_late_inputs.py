@@ -1,0 +1,92 @@
+"""Inputs that come later in a log than what they drive are told, and by how much."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.systems.answers.words import late_words
+from wakedeploy.gap.systems.likelihood.clocks import late_inputs
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+
+RATE_HZ, MASS_KG = 50.0, 2.0
+
+
+class Wagon(System):
+    """A mass that a motor pushes and a wind that is measured, too."""
+
+    rate_hz = RATE_HZ
+    inputs: ClassVar = [Input("motor_n", "N"), Input("wind_n", "N")]
+    states: ClassVar = {"speed_mps": "m/s"}
+    outputs: ClassVar = [Output("speed_mps", "m/s", noise=2e-3)]
+    constants: ClassVar = [Constant("mass_kg", MASS_KG, spread=0.1), Constant("drag", 1.0, 0.2)]
+    ports: ClassVar = [Port.input("motor_n"), Port.force("speed_mps", inertia="mass_kg")]
+
+    def derivative(self, state, inputs, c):
+        force = inputs.motor_n + inputs.wind_n - c.drag * state.speed_mps
+        return {"speed_mps": force / c.mass_kg}
+
+
+def model(motor_late=0, wind_late=0, output_late=0, samples=900):
+    """A minute of the wagon, with columns that come so many samples late."""
+    rng = np.random.default_rng(4)
+    motor = np.repeat(rng.normal(0.0, 4.0, samples // 20), 20)
+    wind = np.repeat(rng.normal(0.0, 2.0, samples // 15), 15)
+    speed = np.zeros(samples)
+    for k in range(samples - 1):
+        keep = np.exp(-1.0 / MASS_KG / RATE_HZ)
+        speed[k + 1] = keep * speed[k] + (1.0 - keep) * (motor[k] + wind[k])
+    columns = {
+        "motor_n": _late(motor, motor_late),
+        "wind_n": _late(wind, wind_late),
+        "speed_mps": _late(speed, output_late) + 2e-3 * rng.standard_normal(samples),
+    }
+    return LogModel(Wagon(), [Recording("made", np.arange(samples) / RATE_HZ, columns)])
+
+
+@pytest.mark.parametrize("period", [40, 50])
+def test_of_an_input_that_repeats_itself_a_delay_is_no_lead(period):
+    """A square wave: a delay of a sixth of it is a lead of the rest."""
+    samples, late = 900, period // 6
+    rng = np.random.default_rng(4)
+    motor = np.where(np.arange(samples) % period < period // 2, 4.0, -4.0)
+    keep, speed = np.exp(-1.0 / MASS_KG / RATE_HZ), np.zeros(samples)
+    acting = _late(motor, late)
+    for k in range(samples - 1):
+        speed[k + 1] = keep * speed[k] + (1.0 - keep) * acting[k]
+    columns = {
+        "motor_n": motor,
+        "wind_n": np.zeros(samples),
+        "speed_mps": speed + 2e-3 * rng.standard_normal(samples),
+    }
+    made = LogModel(Wagon(), [Recording("made", np.arange(samples) / RATE_HZ, columns)])
+    assert late_inputs(made, fitted_base(made)) == {}
+
+
+def _late(column, samples):
+    return np.concatenate([np.full(samples, column[0]), column[: len(column) - samples]])
+
+
+@pytest.mark.parametrize(
+    ("late", "told"),
+    [
+        ({"motor_late": 6}, {"motor_n": 0.12}),
+        ({"motor_late": 3}, {"motor_n": 0.06}),
+        ({"wind_late": 11}, {"wind_n": 0.22}),
+        ({}, {}),
+        ({"output_late": 4}, {}),  # a delay, which effects explain
+    ],
+)
+def test_an_input_that_comes_after_what_it_drives_is_late(late, told):
+    made = model(**late)
+    assert late_inputs(made, fitted_base(made)) == pytest.approx(told)
+
+
+def test_the_sentence_says_which_column_to_shift_and_by_how_much():
+    (sentence,) = late_words({"motor_n": 0.12})
+    assert "120 ms before motor_n" in sentence
+    assert "shift_s in columns.toml, less by 0.12" in sentence
+    assert late_words({}) == []

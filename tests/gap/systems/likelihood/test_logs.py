@@ -1,0 +1,274 @@
+"""The engine: likelihoods of an independent Kalman filter, and effects whose truth is known."""
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from scipy.linalg import expm
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.fits import extended, neutral
+from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.outcome import verdict_of
+from wakedeploy.gap.search.rivalry import is_nothing
+from wakedeploy.gap.systems.likelihood import logs
+from wakedeploy.gap.systems.likelihood.blocks import logs_of
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+
+RATE = 100.0
+
+
+class Mass(System):
+    rate_hz = RATE
+    inputs = [Input("force_n", "N")]
+    states = {"position_m": "m", "speed_mps": "m/s"}
+    outputs = [Output("position_m", "m", noise=1e-3)]
+    constants = [
+        Constant("mass_kg", 2.0, spread=0.05),
+        Constant("spring_n_per_m", 30.0, spread=1.0),
+        Constant("damping_n_per_mps", 3.0, spread=0.1),
+    ]
+    ports = [
+        Port.input("force_n", kinds=["dead-time", "lag", "dead-band", "gain", "bias"]),
+        Port.force(
+            "speed_mps",
+            inertia="mass_kg",
+            position="position_m",
+            kinds=["coulomb-friction", "quadratic-drag", "cubic-stiffness", "offset"],
+        ),
+        Port.output("position_m", kinds=["sensor-bias", "sensor-lag"]),
+    ]
+
+    def derivative(self, state, inputs, c):
+        force = (
+            inputs.force_n
+            - c.spring_n_per_m * state.position_m
+            - c.damping_n_per_mps * state.speed_mps
+        )
+        return {"position_m": state.speed_mps, "speed_mps": force / c.mass_kg}
+
+
+def recorded(seed, delay_s=0.0, friction_n=0.0, seconds=40.0):
+    """The mass, integrated here in fine steps, with force noise and a noisy sensor."""
+    rng = np.random.default_rng(seed)
+    n, fine = int(seconds * RATE), 10
+    held = np.repeat(rng.standard_normal(n // 25 + 1) * 15.0, 25)[:n]
+    late = np.repeat(held, fine)
+    shift = round(delay_s * RATE * fine)
+    late = np.concatenate([np.full(shift, late[0]), late[: len(late) - shift]])
+    x, v, shown = 0.0, 0.0, np.empty(n)
+    dt = 1.0 / RATE / fine
+    for k in range(n * fine):
+        if k % fine == 0:
+            shown[k // fine] = x
+            push = rng.standard_normal() * 0.3
+        a = (late[k] + push - 30.0 * x - 3.0 * v - friction_n * np.tanh(v / 0.005)) / 2.0
+        v += a * dt
+        x += v * dt
+    shown = shown + 1e-3 * rng.standard_normal(n)
+    return Recording(f"made {seed}", np.arange(n) / RATE, {"force_n": held, "position_m": shown})
+
+
+def test_a_constant_is_moved_by_little_of_itself_where_its_spread_is_wide():
+    """Slopes over a step as large as the constant send the climb nowhere."""
+
+    class Loose(Mass):
+        constants = [Constant("mass_kg", 2.0, spread=5.0), *Mass.constants[1:]]
+
+    (mass,) = [f for f in LogModel(Loose(), [recorded(0)]).free(()) if f.quantity == "mass_kg"]
+    assert (mass.prior_sd, mass.step) == (5.0, pytest.approx(0.02))
+
+
+def test_a_reading_between_a_system_s_samples_counts_at_the_next():
+    """A sensor whose ticks are not the system's: none of its readings is lost, or used twice."""
+    rows = np.arange(400)
+    y = np.where(rows % 10 == 3, np.sin(rows / 50.0), np.nan)
+    columns = {"force_n": np.cos(rows), "position_m": y}
+    system = type("Thinned", (Mass,), {"rate_hz": 25.0})()
+    (log,) = logs_of(system, [Recording("log", rows / 100.0, columns)])
+    assert np.array_equal(log.outputs[0][np.isfinite(log.outputs[0])], y[np.isfinite(y)])
+
+
+def test_the_last_reading_of_a_slow_sensor_is_the_newest_that_was_measured():
+    """Without a model a forecast is the last reading, which seldom lies where a forecast begins."""
+    rows = np.arange(800)
+    y = np.where(rows % 10 == 3, np.sin(rows / 50.0), np.nan)
+    columns = {"force_n": np.cos(rows), "position_m": y}
+    model = LogModel(Mass(), [Recording("log", rows / RATE, columns)])
+    last, mean = model.held(range(model.episodes))
+    for block, forecast, flat in zip(model.blocks, last, mean, strict=True):
+        for k, error in enumerate(forecast[0]):
+            begin = block.start + k // model.horizon * model.horizon
+            known = [v for v in y[: begin + 1] if np.isfinite(v)]
+            newest = known[-1] if known else np.nanmean(y)
+            assert error == pytest.approx(y[block.start + k] - newest, nan_ok=True)
+        assert np.array_equal(np.isfinite(forecast), np.isfinite(flat))
+
+
+def test_a_linear_system_has_the_likelihood_of_a_kalman_filter():
+    recording = recorded(0, seconds=3.0)
+    model = LogModel(Mass(), [recording])
+    theta = neutral(model.free(()))
+    values = model.values((), theta)
+    run = model.run((), theta[None], range(model.episodes))
+    a = np.array([[0.0, 1.0], [-15.0, -1.5]])
+    big = np.zeros((3, 3))
+    big[:2] = np.column_stack([a, [0.0, 0.5]])
+    step = expm(big / RATE)
+    lain = np.zeros((4, 4))
+    lain[:2, :2], lain[2:, 2:] = -a, a.T
+    lain[1, 3] = np.exp(2 * values["force.speed_mps"]) / RATE
+    whole = expm(lain / RATE)
+    f = KalmanFilter(dim_x=3, dim_z=1, dim_u=1)
+    push = np.exp(values["push.speed_mps"])
+    keep = np.exp(-1.0 / RATE / np.exp(values["lasting.speed_mps"]))
+    held = step[:2, 2:] * 2.0  # what is held of an acceleration, from what is held of a force
+    f.F = np.block([[step[:2, :2], held], [np.zeros((1, 2)), np.array([[keep]])]])
+    f.B, f.H = np.vstack([step[:2, 2:], [[0.0]]]), np.array([[1.0, 0.0, 0.0]])
+    f.Q = np.zeros((3, 3))
+    f.Q[:2, :2], f.Q[2, 2] = whole[2:, 2:].T @ whole[:2, 2:], push**2 * (1.0 - keep**2)
+    f.R = np.array([[np.exp(2 * values["noise.position_m"])]])
+    f.x = np.vstack([model._starts[0].states[:, :1], [[0.0]]])
+    f.P = np.diag([*model._starts[0].spread ** 2, push**2])
+    first = run.statistics[:, :, 0, 0, 0]
+    for k in range(model.blocks[0].stop):
+        f.update(recording.columns["position_m"][k])
+        assert first[0, k] == pytest.approx(f.y[0, 0], abs=1e-9, rel=1e-6)
+        assert first[1, k] == pytest.approx(f.S[0, 0], rel=1e-6)
+        assert first[2, k] == pytest.approx(f.log_likelihood, rel=1e-6, abs=1e-6)
+        f.predict(recording.columns["force_n"][k])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "name", "parameter", "truth"),
+    [
+        ({"delay_s": 0.02}, "dead-time@force_n", "delay_s", 0.02),
+        ({"friction_n": 2.0}, "coulomb-friction@speed_mps", "force", 2.0),
+    ],
+)
+def test_a_hidden_effect_is_named_with_its_size(hidden, name, parameter, truth):
+    model = LogModel(Mass(), [recorded(1, **hidden)])
+    told = named(model, fitted_base(model))
+    assert told.found.hypothesis == (name,)
+    low, high = told.found.interval(f"{name}.{parameter}")
+    clock = model.dt_s / 2 if parameter == "delay_s" else 0.0
+    assert low - clock <= truth <= high + clock
+    assert told.weights[name].low > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_where_nothing_is_hidden_nothing_is_named(seed):
+    model = LogModel(Mass(), [recorded(seed, seconds=20.0)])
+    assert verdict_of(named(model, fitted_base(model))) == "none"
+
+
+@pytest.mark.parametrize(("friction_n", "nothing"), [(0.0, True), (2.0, False)])
+def test_a_size_that_may_be_zero_is_no_effect(friction_n, nothing):
+    model, name = (
+        LogModel(Mass(), [recorded(3, friction_n=friction_n)]),
+        "coulomb-friction@speed_mps",
+    )
+    base = fitted_base(model)
+    start = extended(base, model.free((name,)))
+    assert is_nothing(fit(model, (name,), base.episodes, start), name) == nothing
+
+
+@pytest.mark.whole
+def test_a_long_log_is_searched_in_part_and_told_from_all_of_it(monkeypatch):
+    recording = recorded(3, delay_s=0.03)
+    whole = LogModel(Mass(), [recording])
+    assert whole.thinned() is whole
+    monkeypatch.setattr(logs, "_SEARCHED", 3000)
+    part = whole.thinned()
+    theta = neutral(whole.free(()))
+    for episode in (0, 5):
+        every, some = (model.score((), theta, episode) for model in (whole, part))
+        count = len(some.innovation)
+        assert 0 < count < 0.6 * len(every.innovation)
+        assert np.allclose(some.innovation, every.innovation[:count], rtol=1e-9)
+    told = named(whole, fitted_base(whole))
+    assert told.found.hypothesis == ("dead-time@force_n",)
+    low, high = told.found.interval("dead-time@force_n.delay_s")
+    assert low < 0.03 < high
+    looked = [np.count_nonzero(s.log_density) for s in told.found.slopes.scores]
+    assert min(looked[1:]) == len(recording.time_s) // 16
+
+
+class Remembering(System):
+    """A second-order difference equation: what it remembers of the sample before is exact."""
+
+    rate_hz = 10.0
+    inputs = [Input("valve", "1")]
+    states = {"level": "1", "level_before": "1", "valve_before": "1", "worn": "1"}
+    outputs = [Output("level", "1", noise=0.05)]
+    constants = [Constant("keep", 1.2, spread=1.0), Constant("lose", 0.4, spread=1.0)]
+    ports = [Port.input("valve"), Port.force("level")]
+
+    def step(self, state, inputs, c):
+        level = c.keep * state.level - c.lose * state.level_before
+        return {
+            "level": level + 0.3 * inputs.valve + 0.1 * state.valve_before - 0.01 * state.worn,
+            "level_before": state.level,
+            "valve_before": inputs.valve,
+            "worn": 0.999 * state.worn,
+        }
+
+
+def test_what_a_discrete_system_remembers_is_disturbed_by_nothing():
+    rng = np.random.default_rng(4)
+    columns = {"valve": np.repeat(rng.normal(size=60), 5), "level": rng.normal(size=300)}
+    model = LogModel(Remembering(), [Recording("log", np.arange(300) / 10.0, columns)])
+    assert Remembering().remembered() == {"level_before": "level", "valve_before": "valve"}
+    assert model.driven == ("level", "worn")
+    disturbed = {f.name.rpartition(".")[2] for f in model.free(()) if f.name.startswith("force.")}
+    assert disturbed == {"level", "worn"}
+    assert Mass().remembered() == {}  # of rates, kinematic states are the same
+
+
+class Gained(Remembering):
+    """Three states that seem to be remembered, and are not; and one that is, and errs."""
+
+    constants = [*Remembering.constants, Constant("gain", 1.0, spread=0.2)]
+
+    def step(self, state, inputs, c):
+        told = super().step(state, inputs, c)
+        cut = np.clip(inputs.valve, -5.0, 5.0)
+        return {**told, "valve_before": c.gain * inputs.valve, "worn": cut}
+
+
+def test_a_gain_of_one_and_a_limit_remember_nothing():
+    assert Gained().remembered() == {"level_before": "level"}
+
+
+class Stated(Remembering):
+    """A memory that the user says is noisy."""
+
+    process_noise = {"valve_before": 0.3}
+    ports = [Port.input("valve"), Port.force("level"), Port.force("level_before")]
+
+
+class Copies(System):
+    """A speed that follows its command at once: nothing but memory."""
+
+    rate_hz = 10.0
+    inputs = [Input("command_mps", "m/s")]
+    states = {"speed_mps": "m/s"}
+    outputs = [Output("speed_mps", "m/s", noise=0.01)]
+    ports = [Port.input("command_mps"), Port.force("speed_mps")]
+
+    def step(self, state, inputs, c):
+        return {"speed_mps": inputs.command_mps}
+
+
+def test_a_memory_has_noise_where_it_is_stated_where_forces_act_and_where_nothing_else_has_any():
+    rng = np.random.default_rng(4)
+    columns = {"valve": rng.normal(size=300), "level": rng.normal(size=300)}
+    recording = Recording("log", np.arange(300) / 10.0, columns)
+    driven = LogModel(Stated(), [recording]).driven
+    assert driven == ("level", "level_before", "valve_before", "worn")
+    columns = {"command_mps": rng.normal(size=300), "speed_mps": rng.normal(size=300)}
+    recording = Recording("log", np.arange(300) / 10.0, columns)
+    assert LogModel(Copies(), [recording]).driven == ("speed_mps",)

@@ -1,0 +1,167 @@
+"""The steps of a user's system in a folder: what each leaves, and what the next one reads.
+
+In: a `LogModel` and a folder. Out: find.json, name.json, correction.toml, of a class
+plan.json, and domain.json, which `gap.report.system_page` draws. What has run for the same system
+and logs, by the same rules, is not repeated.
+"""
+
+import functools
+import hashlib
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from wakedeploy.core.version import VERSION
+from wakedeploy.gap.evidence.fits import Fit
+from wakedeploy.gap.evidence.inference import fit, settled
+from wakedeploy.gap.progress import Progress, quiet
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.artefacts import Answer, Effect, Forecast, Result, read
+from wakedeploy.gap.search.comparison import theta_from
+from wakedeploy.gap.search.sizes import parameters
+from wakedeploy.gap.systems.calls import attempted
+from wakedeploy.gap.systems.correction import correction_of, write_correction
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.planning.known import stated_sizes
+from wakedeploy.gap.systems.planning.plan import commanded, plan
+from wakedeploy.gap.systems.planning.planned import Planned, planned, unplannable
+from wakedeploy.gap.workflow import Folder
+
+CORRECTION, PLAN = "correction.toml", "plan.json"
+
+
+class OwnFolder(Folder):
+    """The steps of a system and its logs; `exported` tells of further files that `add` wrote.
+
+    With `only`, `add` adds that effect in the place of a class.
+    """
+
+    def __init__(
+        self, model: LogModel, out: Path, progress: Progress = quiet, only: str | None = None
+    ) -> None:
+        model.require_effects()
+        if only is not None:
+            model.acting((only,))  # says which there are
+        super().__init__(model, out, _key(model), model.horizon * model.dt_s, progress)
+        self.log_model, self.only = model, only
+        self.exported: list[str] = []
+
+    def add(self) -> Answer:
+        """What was found, or the effect that was asked for, as a file that the system loads."""
+        answer = self.name()
+        fitted, told = self.found()[1], answer
+        if self.only is not None:
+            fitted = self._with_member(answer, self.only)
+            told = _with_effects_of(answer, fitted)
+        correction = correction_of(self.log_model, fitted)
+        if correction.is_empty:
+            (self.out / CORRECTION).unlink(missing_ok=True)  # of an earlier answer
+        else:
+            write_correction(correction, self.out / CORRECTION)
+        system = self.log_model.system
+        where = f"{system.name}.export"
+        self.exported = attempted(where, system.export, told.as_json(), self.out)
+        return answer
+
+    def plan(self) -> Planned | None:
+        """Whether an input splits the class that was found: plan.json; None where none is open."""
+        answer, path = self.name(), self.out / PLAN
+        if answer.verdict != "class":
+            path.unlink(missing_ok=True)  # of an earlier answer
+            return None
+        known = read(path, Planned, self.key)
+        if known is not None:
+            return known
+        made = self._planned(answer)
+        made.write(path)
+        return made
+
+    def _planned(self, answer: Answer) -> Planned:
+        model = self.log_model
+        if not commanded(model):
+            return unplannable(answer.rivals, model.name, self.key)
+        sizes = stated_sizes(self.out, answer, model, answer.rivals)
+        stage = functools.partial(self.progress, "trying inputs that could split the class")
+        made = plan(model, self.base(), answer.rivals, sizes, stage)
+        return planned(made, model.name, self.key)
+
+    def _with_member(self, answer: Answer, name: str) -> Fit:
+        """The fit of what is sure beside a class, and of this effect."""
+        model, found = self.found()
+        sure = [e.name for e in answer.effects if e.name not in (*answer.rivals, name)]
+        hypothesis = (*sure, name)
+        if hypothesis == found.hypothesis:
+            return found
+        self.progress(f"fitting {name}")
+        sizes = stated_sizes(self.out, answer, self.log_model, [name]).get(name)
+        first = sizes or [f.starts[0] if f.starts else f.neutral for f in model.effects[name]]
+        places = dict(zip((f.name for f in model.effects[name]), first, strict=True))
+        near = theta_from(model, hypothesis, found)
+        theta = np.array(
+            [places.get(f.name, x) for f, x in zip(model.free(hypothesis), near, strict=True)]
+        )
+        return settled(model, fit(model, hypothesis, found.episodes, theta))[0]
+
+
+def _with_effects_of(answer: Answer, fitted: Fit) -> Answer:
+    """The answer with the effects of another fit, of which nobody has asked forecasts."""
+    sizes = parameters(fitted, fitted.hypothesis)
+    unknown = Forecast(share=math.nan, low=math.nan, high=math.nan)
+    effects = [
+        Effect(
+            name=name,
+            parameters={
+                key.removeprefix(f"{name}."): size
+                for key, size in sizes.items()
+                if key.startswith(f"{name}.")
+            },
+            forecast=unknown,
+        )
+        for name in fitted.hypothesis
+    ]
+    return answer.model_copy(update={"effects": effects, "parameters": sizes})
+
+
+def correction_told(out: Path, has_effects: bool) -> str:
+    """Where the correction is, or why there is none."""
+    path = out / CORRECTION
+    if not path.is_file():
+        return (
+            "Correction: none, as nothing was named. The system stays as it is: constants that are "
+            "refitted alone follow the logs' noise."
+        )
+    what = "" if has_effects else " with the constants that nobody has measured, as fitted,"
+    return f"Correction: {path},{what} for `gap simulate` and System.corrected()"
+
+
+def planned_in(out: Path, result: Result) -> Planned | None:
+    """What a plan came to for the class of a result; None where none was made."""
+    return read(out / PLAN, Planned, result.key) if result.verdict == "class" else None
+
+
+def _key(model: LogModel) -> str:
+    """A hash of program, rules, logs, effects with their parameters, and the system.
+
+    Of the system it is what it states and what its functions compute.
+    """
+    digest = hashlib.sha256()
+    system = model.system
+    stated = (
+        system.rate_hz, system.steps, system.inputs, system.states, system.outputs,
+        system.constants, [replace(port, function=None) for port in system.ports],
+        system.process_noise, system.start_spread, system.outlier_share, system.forecast_s,
+    )  # fmt: skip
+    digest.update(
+        repr((VERSION, RULES, system.name, stated, sorted(model.effects.items()))).encode()
+    )
+    for log in model.logs:
+        digest.update(log.name.encode())
+        digest.update(log.driving.tobytes() + log.outputs.tobytes())
+    for episode in range(model.episodes):
+        for _, values in model.coordinates(episode).values():  # with what `start` tells
+            digest.update(np.ascontiguousarray(values).tobytes())
+    for values in system.probed().values():
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,51 @@
+"""The commands that follow an answer about a user's system, to copy.
+
+In: a `Result`, what a plan came to, and the files of the command that gave it. Out: shell lines.
+"""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from wakedeploy.gap.search.artefacts import Result
+from wakedeploy.gap.systems.answers.folder import CORRECTION
+from wakedeploy.gap.systems.answers.words import FURTHER_LOG, members
+from wakedeploy.gap.systems.planning.planned import Planned
+
+
+def next_commands(
+    result: Result,
+    system_path: Path,
+    measured: Sequence[Path],
+    columns: Path | None,
+    out: Path,
+    planned: Planned | None = None,
+) -> list[str]:
+    """Replay a further log; tell a class apart, or add a member; else see what these logs show.
+
+    The further log is not there yet: its name stands for it.
+    """
+    system, folder = shlex.quote(str(system_path)), shlex.quote(str(out))
+    searched = [f"--measured {shlex.quote(str(path))}" for path in measured]
+    further = f"--measured {shlex.quote(FURTHER_LOG + measured[0].suffix)}"
+    by = [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
+    logs = " ".join(searched + by)
+    if result.verdict == "none" and not result.moved:
+        return [f"wakedeploy gap power --system {system} {logs}"]
+    if result.verdict == "unknown" and result.rivals and not result.moved:
+        apart = f"wakedeploy gap plan --system {system} {logs} --out {folder}"
+        return [f"{apart} --write-input next.csv"]
+    if result.verdict == "unknown" or result.moved or not result.effects:
+        return [f"wakedeploy gap check {system} {logs}"]
+    if result.verdict != "class":
+        correction = shlex.quote(str(out / CORRECTION))
+        replayed = " ".join([further, *by])
+        return [f"wakedeploy gap simulate --system {system} {replayed} --correction {correction}"]
+    if planned is not None and not planned.splits:
+        member = shlex.quote(members(result)[1])
+        return [f"wakedeploy gap add --system {system} {logs} --out {folder} --effect {member}"]
+    all_logs = " ".join([*searched, further, *by])
+    return [
+        f"wakedeploy gap plan --system {system} {logs} --out {folder} --write-input next.csv",
+        f"wakedeploy gap close --system {system} {all_logs} --out {folder}",
+    ]

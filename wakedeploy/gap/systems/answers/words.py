@@ -1,0 +1,287 @@
+"""What a step found in a user's system, as sentences for a terminal.
+
+The verdict and three answers come first, for which nobody needs statistics: does it matter, how
+sure is that, what next. The numbers stand below them. A page shows the same first screen, tables in
+the place of the numbers, and the remarks.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from wakedeploy.gap.search.artefacts import (
+    Answer,
+    Artefact,
+    Disagreements,
+    Forecast,
+    Leftover,
+    Result,
+    Size,
+)
+from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
+from wakedeploy.gap.systems.answers.advice import unknown_step
+from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words
+from wakedeploy.gap.systems.answers.importance import (
+    by_output,
+    importance,
+    removed_of,
+    removed_words,
+    whole_percent,
+)
+from wakedeploy.gap.systems.answers.reader_units import as_read
+from wakedeploy.gap.systems.kinds.library import plain
+from wakedeploy.gap.wording import (
+    DETAILS,
+    counted,
+    listed,
+    measured,
+    minus,
+    quantity,
+)
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.systems.planning.planned import Planned
+
+FURTHER_LOG = "new"  # stands in commands for a log that was not searched
+_MOST_PLACES, _MOST_RANKED = 6, 5
+_FAR_AHEAD = (
+    "Found where the system predicts far ahead, from a few readings a forecast; from the next "
+    "reading alone came no such answer."
+)
+_MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
+
+
+def sentences(artefact: Artefact, planned: "Planned | None" = None) -> list[str]:
+    """The lines that a command prints; `planned` is what a plan for its class came to.
+
+    `stated` are the system's constants, where it is at hand.
+    """
+    if isinstance(artefact, Disagreements) and not isinstance(artefact, Result):
+        return _found(artefact)
+    assert isinstance(artefact, Answer)
+    detail = [*_effects(artefact), *(f"  {remark}" for remark in remarks(artefact))]
+    if not isinstance(artefact, Result):
+        return [*_verdict(artefact), *detail]
+    detail += [f"  {line}" for line in by_output(artefact)]
+    detail += [f"  {line}" for line in constant_words(artefact)]
+    return [*first_screen(artefact, planned), *([DETAILS] if detail else []), *detail]
+
+
+def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
+    """The verdict, and three answers."""
+    return [
+        *_verdict(result),
+        f"Does it matter? {importance(result)}",
+        f"How sure is that? {_certainty(result)}",
+        f"What next? {next_step(result, planned)}",
+    ]
+
+
+def remarks(answer: Answer) -> list[str]:
+    """What stands in no table: fits that were stopped, what is left, what was not named and why."""
+    far = [_FAR_AHEAD] if answer.is_far_ahead else []
+    far += [
+        f"`{name}` is one sample. A controller that logs its readings and the command that follows "
+        "them in one row makes an output that shows the command directly so late: then nothing is "
+        "missing there, and the output's column wants shift_s of minus a sample."
+        for name in answer.late_by_a_row
+    ]
+    return [*far, *_unsettled(answer), *_unexplained(answer), *_rejected(answer)]
+
+
+def _found(disagreements: Disagreements) -> list[str]:
+    places = disagreements.where
+    if not places:
+        return ["The system and its logs disagree nowhere beyond noise."]
+    lines = [f"They disagree in {len(places)} places; the clearest:"]
+    for p in places[:_MOST_PLACES]:
+        lines.append(
+            f"  {p.channel}: {_signed(p.residual)} {p.unit} where {p.coordinate} is "
+            f"{minus(f'{p.low:.3g} to {p.high:.3g}')} {p.coordinate_unit}"
+        )
+    return lines
+
+
+def _verdict(answer: Answer) -> list[str]:
+    """What the system lacks; before it, what speaks against any answer."""
+    return [*late_words(answer.late), *moved_words(answer), _lacking(answer)]
+
+
+def _lacking(answer: Answer) -> str:
+    if answer.verdict == "class":
+        return f"The system lacks {lacking_of_class(answer)}. The logs cannot say which."
+    if answer.verdict == "named":
+        return f"The system lacks {listed([plain(e.name) for e in answer.effects])}."
+    if answer.verdict == "none":
+        if answer.moved:
+            return "With that, nothing else that matters is missing from the system."
+        return "Nothing that matters is missing from the system."
+    if answer.is_outdone:
+        return (
+            "The system forecasts no better than its outputs' last readings or their means: its "
+            "equations are wrong by more than an effect."
+        )
+    if answer.rivals:
+        rivals = listed([plain(name) for name in answer.rivals])
+        return f"Something is missing; these explain it about as well: {rivals}."
+    return "Something acts on the system that no known effect explains."
+
+
+def lacking_of_class(answer: Answer) -> str:
+    """What is sure beside a class, and the class: "dry friction …, and one of these: …"."""
+    sure = [plain(e.name) for e in answer.effects if e.name not in answer.rivals]
+    rivals = f"one of these: {listed([plain(name) for name in answer.rivals], 'or')}"
+    return f"{listed(sure)}, and {rivals}" if sure else rivals
+
+
+def _certainty(result: Result) -> str:
+    """What the answer rests on."""
+    fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
+    if result.moved:
+        return "Not before constants and units are known to be right."
+    if result.verdict == "none":
+        return "Where nothing is missing, one search in twenty names something; this one did not."
+    beyond = "Where nothing is missing, fewer than one search in twenty finds something this clear."
+    if result.is_outdone:
+        return "It rests on forecasts of all blocks that were fitted, not on a search."
+    if result.verdict == "unknown":
+        evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
+        noise = "What is left is more than the sensors' noise, and lasts."
+        return f"{beyond if evident else noise} What it is, is open."
+    rest = "" if result.white.after.passes else f" {_MORE_IS_LEFT}"
+    if result.verdict == "class":
+        return f"{beyond} Which of them it is, is open.{rest}"
+    found = f"Found on {counted(fitted, 'block')} of the logs"
+    apart = f"readings of {counted(sealed, 'block')} kept apart"
+    if result.sealed_gain_nats > 0.0:
+        return f"{beyond} {found}; the {apart} bear it out.{rest}"
+    return f"{beyond} {found}; the {apart} do not confirm it: record more."
+
+
+def next_step(result: Result, planned: "Planned | None" = None) -> str:
+    """What to do; the commands stand below."""
+    if result.moved:
+        return (
+            "Check what was moved, and the units of columns.toml: `gap check` prints the range of "
+            "each column in the system's unit."
+        )
+    if result.verdict == "class":
+        return _open_class(result, planned)
+    if result.effects and result.verdict == "named":
+        return (
+            "Replay a log that took no part with the correction, then use the corrected system. In "
+            f"the command below that log is called {FURTHER_LOG}."
+        )
+    if result.is_outdone:
+        return "Check equations, units and signs: see what each constant moves."
+    if result.verdict == "unknown":
+        return unknown_step(result)
+    return "Use the system as it is. How small an effect these logs would show, `gap power` says."
+
+
+def late_words(late: Mapping[str, float]) -> list[str]:
+    """What to do about inputs that come too late, by seconds."""
+    return [
+        f"Doubt what follows: the outputs move {quantity(seconds, 's')} before {name} does, which "
+        "drives them. Where the log has two clocks, or stamps or filters it late, bring it forward "
+        f"(its shift_s in columns.toml, less by {seconds:.3g}); else the system delays it too much."
+        for name, seconds in late.items()
+    ]
+
+
+def members(answer: Answer) -> tuple[str, str]:
+    """Of a class, the effect that the correction has, and the next that could stand there."""
+    named = {effect.name for effect in answer.effects}
+    has = next((name for name in answer.rivals if name in named), answer.rivals[0])
+    return has, next((name for name in answer.rivals if name != has), has)
+
+
+def _open_class(result: Result, planned: "Planned | None") -> str:
+    """What to do about a class: what a plan found, and no promise that it does not bear out."""
+    called = f"In the commands below that log is called {FURTHER_LOG}."
+    if planned is None:
+        return (
+            "See which input tells them apart, if any; record it, and ask again with that log, "
+            f"too. {called}"
+        )
+    if planned.splits:
+        return f"{planned.sentence} Then ask again with that log, too. {called}"
+    has, other = members(result)
+    return (
+        f"{planned.sentence} Until then the correction has `{has}`; the "
+        f"command below puts `{other}` in its place."
+    )
+
+
+def _effects(answer: Answer) -> list[str]:
+    lines = []
+    for effect in answer.effects:
+        sizes = ", ".join(_size(*as_read(effect.name, *each)) for each in effect.parameters.items())
+        parts = filter(None, (sizes, removed_of(answer, effect)))
+        lines.append(f"  {effect.name}: {'; '.join(parts)}.")
+    return lines
+
+
+def _unsettled(answer: Answer) -> list[str]:
+    return [
+        f"The fit with {name} was stopped before it came to rest: its size is less sure than its "
+        "interval says."
+        for name in answer.unsettled
+    ]
+
+
+def _unexplained(answer: Answer) -> list[str]:
+    """What still acts: on which rate, how large, how long, and what it follows."""
+    lines = []
+    for push in answer.unexplained:
+        lines.append(
+            f"Not explained: on {push.state}, {push.sd:.3g} {push.unit} (sd) that last "
+            f"{push.lasts_s:.2g} s, {whole_percent(push.share)} of the usual rate."
+        )
+        at = push.against
+        if at is not None:
+            lines.append(
+                f"  It follows {at.coordinate}, which tells {whole_percent(at.share)} of it: "
+                f"from {_signed(at.means[0])} {push.unit} at {minus(f'{at.edges[0]:.3g}')} "
+                f"{at.unit} to {_signed(at.means[-1])} {push.unit} at "
+                f"{minus(f'{at.edges[-1]:.3g}')} {at.unit}."
+            )
+        lines.append(f"  {_lawful(push)}")
+    return lines
+
+
+def _lawful(push: Leftover) -> str:
+    """Whether a push follows a law, and what forecasts would gain by it."""
+    law = push.law
+    if law is None:
+        return (
+            "No law over one coordinate is evident in it, nor over one and the direction; "
+            "a disturbance acts so."
+        )
+    over = f"{law.coordinate} and the direction of motion" if law.by_direction else law.coordinate
+    if law.removes <= 0.0:
+        return f"A law over {over} is evident, but forecasts get no better by it."
+    removed = Forecast(share=law.removes, low=law.low, high=law.high)
+    what = f"A law over {over} is evident, and removes {removed_words(removed)}"
+    return f"{what} of the squared forecast error where it was not fitted."
+
+
+def _size(name: str, size: Size) -> str:
+    return f"{name} {measured(size.value, size.low, size.high, size.unit)}"
+
+
+def _signed(value: float) -> str:
+    return minus(f"{value:+.3g}")
+
+
+def _rejected(answer: Answer) -> list[str]:
+    """Of the last round, what was evident and yet not named, and why; and what was withdrawn."""
+    if not answer.rounds:
+        return []
+    judged = {
+        effect.name: effect.judged
+        for effect in answer.rounds[-1].ranking[:_MOST_RANKED]
+        if effect.judged not in ("", ACCEPTED, CHANCE)
+    }
+    ranked = (effect for searched in answer.rounds for effect in searched.ranking)
+    judged |= {effect.name: UNSEEN_WORSE for effect in ranked if effect.judged == UNSEEN_WORSE}
+    return [f"Not named: {name}: {why}." for name, why in judged.items()]

@@ -1,0 +1,194 @@
+"""Recordings of a system, at its rate and cut into blocks: the episodes of the gap workflow.
+
+A block is scored in pieces that run beside each other. A piece begins some samples earlier than
+what it is scored on, so that its filter has settled; at the beginning of a log it cannot, and its
+first samples are not scored.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.likelihood.between_samples import between
+from wakedeploy.gap.systems.system import Input, System
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+BLOCKS, SHORTEST = 16, 40  # blocks in all, samples of one
+_PIECE, _WARM = 600, 60  # samples scored in a piece, and before
+_MOST_MISSING = 0.05
+_RATE_TOLERANCE = 0.01
+_WITHIN = 8  # parts of a sample, in which inputs are followed
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A recording at the system's rate: inputs (i, n), outputs (m, n), NaN where not measured.
+
+    Inputs are the means of the `rows` that a sample has, outputs the newest reading since the
+    sample before; `driving` (i, n · steps · parts) is what inputs are in every part of each of the
+    model's steps, between the samples too.
+    """
+
+    name: str
+    inputs: FloatArray
+    outputs: FloatArray
+    driving: FloatArray
+    rows: int = 1
+
+
+@dataclass(frozen=True)
+class Block:
+    """Samples `start` to `stop` of a log."""
+
+    name: str
+    log: int
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Pieces of blocks as columns: `sample` (T, S) in the log, `log` (S,), and what is scored.
+
+    `scored` (T, S); `block` (S,) the place of its block among those asked for. Beyond the end of a
+    piece its last sample is repeated, and not scored.
+    """
+
+    sample: IntArray
+    scored: npt.NDArray[np.bool_]
+    valid: npt.NDArray[np.bool_]
+    log: IntArray
+    block: IntArray
+
+
+def logs_of(system: System, recordings: Sequence[Recording]) -> list[Log]:
+    """Recordings brought to the system's rate: inputs as means, outputs as samples.
+
+    Raises UnusableInput for a missing column, a rate that the system's does not divide, an input
+    with many gaps, an output that never changes.
+    """
+    if not recordings:
+        raise UnusableInput("no recordings; give at least one.")
+    return [_log(system, r) for r in recordings]
+
+
+def _log(system: System, recording: Recording) -> Log:
+    thinning = recording.rate_hz / system.rate_hz
+    every = max(round(thinning), 1)
+    if abs(thinning / every - 1.0) > _RATE_TOLERANCE:
+        lasts_s = recording.time_s[-1] - recording.time_s[0]
+        raise UnusableInput(
+            f"{recording.name}: {recording.rate_hz:.6g} samples a second, which is no whole "
+            f"multiple of {system.name}.rate_hz = {system.rate_hz:.6g}; change one of them. If it "
+            f"did not last {lasts_s:.4g} s, the time's unit is wrong."
+        )
+    n = len(recording.time_s) // every
+    logged = [_input(recording, i.name)[: n * every] for i in system.inputs]
+    inputs = [row.reshape(n, every).mean(1) for row in logged]
+    driving = [
+        _driving(system, i, row, every) for i, row in zip(system.inputs, logged, strict=True)
+    ]
+    outputs = [_readings(_column(recording, o.name)[: n * every], every) for o in system.outputs]
+    for output, values in zip(system.outputs, outputs, strict=True):
+        if np.isfinite(values).sum() < 2:
+            raise UnusableInput(
+                f"{recording.name}: output {output.name!r} has no measured samples."
+            )
+    return Log(
+        recording.name,
+        np.array(inputs).reshape(len(inputs), n),
+        np.array(outputs),
+        np.array(driving).reshape(len(inputs), n * system.steps * parts_in_step(system)),
+        every,
+    )
+
+
+def _readings(rows: FloatArray, every: int) -> FloatArray:
+    """Of each sample's rows up to its own, the newest reading that was measured."""
+    before = np.full(every - 1, np.nan)
+    each = np.concatenate([before, rows])[: len(rows)].reshape(-1, every)
+    newest = every - 1 - np.argmax(np.isfinite(each[:, ::-1]), axis=1)
+    return np.asarray(each[np.arange(len(each)), newest])
+
+
+def parts_in_step(system: System) -> int:
+    """In how many parts of each of the model's steps inputs are followed."""
+    return max(_WITHIN // system.steps, 1)
+
+
+def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:
+    """An input in each part of the model's steps: its mean there, of `every` rows in a sample."""
+    parts = system.steps * parts_in_step(system)
+    finer = parts // math.gcd(parts, every)
+    return np.asarray(between(rows, stated.hold, finer).reshape(-1, finer * every // parts).mean(1))
+
+
+def _column(recording: Recording, name: str) -> FloatArray:
+    if name not in recording.columns:
+        known = ", ".join(recording.columns)
+        raise UnusableInput(
+            f"{recording.name}: no column {name!r} among {known}; call it so, in a columns.toml by "
+            f"[columns.{name}]."
+        )
+    return np.asarray(recording.columns[name], dtype=float)
+
+
+def _input(recording: Recording, name: str) -> FloatArray:
+    """An input, its short gaps filled with the last value."""
+    column = _column(recording, name)
+    missing = ~np.isfinite(column)
+    if missing.mean() > _MOST_MISSING or missing[0]:
+        raise UnusableInput(
+            f"{recording.name}: {missing.mean():.0%} of input {name!r} is not measured; cut the "
+            "log where its inputs are known."
+        )
+    last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(column))))
+    return np.asarray(column[last])
+
+
+def blocks_of(logs: Sequence[Log]) -> list[Block]:
+    """Blocks of about equal length, in order; many logs are a block each."""
+    lengths = [log.outputs.shape[1] for log in logs]
+    total = sum(lengths)
+    if len(logs) >= BLOCKS // 2:
+        wanted = [1] * len(logs)
+    else:
+        count = min(BLOCKS, max(total // SHORTEST, 1))
+        wanted = [max(round(count * n / total), 1) for n in lengths]
+    blocks = []
+    for k, (log, n, parts) in enumerate(zip(logs, lengths, wanted, strict=True)):
+        ends = np.linspace(0, n, parts + 1).astype(int)
+        for i in range(parts):
+            name = log.name if parts == 1 else f"{log.name} {i + 1}/{parts}"
+            blocks.append(Block(name, k, int(ends[i]), int(ends[i + 1])))
+    return blocks
+
+
+def pieces_of(blocks: Sequence[Block], unsettled: int) -> Pieces:
+    """The pieces of some blocks; `unsettled` samples at a log's beginning are not scored."""
+    starts, stops, firsts, owners = [], [], [], []
+    longest = max(b.stop - b.start for b in blocks)
+    most = max(_PIECE, math.ceil(longest / 8))
+    for k, block in enumerate(blocks):
+        n = block.stop - block.start
+        ends = np.linspace(block.start, block.stop, math.ceil(n / most) + 1).astype(int)
+        for low, high in itertools.pairwise(ends):
+            starts.append(max(int(low) - _WARM, 0))
+            firsts.append(max(int(low), unsettled))
+            stops.append(int(high))
+            owners.append(k)
+    length = max(b - a for a, b in zip(starts, stops, strict=True))
+    at = np.arange(length)[:, None] + np.array(starts)[None, :]
+    valid = at < np.array(stops)[None, :]
+    scored = valid & (at >= np.array(firsts)[None, :])
+    sample = np.minimum(at, np.array(stops)[None, :] - 1)
+    log = np.array([blocks[k].log for k in owners])
+    return Pieces(sample, scored, valid, log, np.array(owners))

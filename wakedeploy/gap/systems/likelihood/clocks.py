@@ -1,0 +1,146 @@
+"""What clocks and stamps of a log do that looks like an effect: inputs that come late, or outputs.
+
+In: a `LogModel` and a fit. Out: inputs that come later than the outputs that they drive, which no
+effect does, and delays that may be rows of a log. A search that is asked all the same names what
+comes nearest.
+"""
+
+import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wakedeploy.gap.evidence.fits import Fit, FloatArray
+from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.systems.likelihood.blocks import Log
+from wakedeploy.gap.systems.likelihood.filter import Filter
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.systems.likelihood.logs import LogModel
+
+_EVIDENT_NATS = 10.0  # by which outputs have to move before an input; chance brings none
+_FEWEST, _MOST = 2, 64  # samples that an input may be late; one is a matter of how logs are stamped
+_NEAR = (1, 2, 4)  # samples that are always tried, and how many more that errors point at
+_LIKELY = 3
+_EARLIER, _LATER = 1, -1
+_ONE_ROW = 0.2  # of a sample, by which a delay of one may miss it
+
+
+def late_inputs(model: "LogModel", base: Fit) -> dict[str, float]:
+    """Inputs by name, and how late each is [s]; those that are on time are not there."""
+    late = {}
+    for i, stated in enumerate(model.system.inputs):
+        samples = _late_by(model, base, i)
+        if samples:
+            late[stated.name] = samples * model.dt_s
+    return late
+
+
+def late_by_a_row(model: "LogModel", found: Fit) -> list[str]:
+    """Effects that were found to be delays of one sample, of a system that shows an input directly.
+
+    A controller that logs what it reads, and what it then commands, in one row makes them.
+    """
+    if not model.system.direct_outputs:
+        return []
+    late_s = {n: found.value(f"{n}.delay_s") for n in found.hypothesis if _is_delay(n)}
+    for name in late_s:  # an input's clock is within a sample, and free beside its delay
+        clock = f"clock.{model.library[name].port.name}"
+        late_s[name] += found.value(clock) if clock in found.names else 0.0
+    return [n for n, s in late_s.items() if abs(s / model.dt_s - 1.0) < _ONE_ROW]
+
+
+def _is_delay(name: str) -> bool:
+    return name.partition("@")[0] in ("dead-time", "sensor-dead-time")
+
+
+def _late_by(model: "LogModel", base: Fit, place: int) -> int:
+    """By how many samples an input is late; 0 where a delay of the system explains as much.
+
+    Of an input that repeats itself a delay and a lead are the same.
+    """
+    gained, samples = _best(model, base, place, _EARLIER)
+    if samples < _FEWEST or gained < _EVIDENT_NATS:
+        return 0
+    delayed, _ = _best(model, base, place, _LATER)
+    return samples if gained - delayed > _EVIDENT_NATS else 0
+
+
+def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, int]:
+    """What the system gains most by where an input comes earlier, or later; by so many samples.
+
+    A first look leaves the fit as it is, which has followed the input as well as it could.
+    """
+    seen = _nats(model, base)
+    tried = {*_NEAR, *_likely(model, base, place, way)}
+    looks = {n: _nats(_moved(model, place, way * n), base) - seen for n in tried}
+    most = max(looks.values())
+    if most < _EVIDENT_NATS:
+        return 0.0, 0
+    nats = {0: base.objective}
+    nats |= {
+        n: _refitted(model, base, place, way * n)
+        for n, gained in looks.items()
+        if gained > most / 2
+    }
+    while (best := max(nats, key=nats.__getitem__)) == max(nats) and 2 * best <= _MOST:
+        nats[2 * best] = _refitted(model, base, place, way * 2 * best)
+    step = max(best // 2, 1)
+    while step > 0:
+        for samples in (best - step, best + step):
+            if samples > 0 and samples not in nats:
+                nats[samples] = _refitted(model, base, place, way * samples)
+        best, step = max(nats, key=nats.__getitem__), step // 2
+    return nats[best] - nats[0], best
+
+
+def _likely(model: "LogModel", base: Fit, place: int, way: int) -> list[int]:
+    """The shifts at which errors of the next reading follow changes of the input best.
+
+    An error shows at the sample after, so that the shifts before those are likely, too.
+    """
+    found = np.zeros(_MOST)
+    scores = model.scores((), base.theta[None], base.episodes)[0]
+    for episode, score in zip(base.episodes, scores, strict=True):
+        block = model.blocks[episode]
+        errors = score.white.reshape(len(model.channels), -1)
+        row = model.logs[block.log].inputs[place]
+        change = np.pad(np.diff(row, prepend=row[0]), _MOST)
+        beside = np.lib.stride_tricks.sliding_window_view(change, block.stop - block.start)
+        at = block.start + _MOST + way * np.arange(1, _MOST + 1)
+        found += ((beside[at] @ errors.T) ** 2).sum(1)
+    best = np.argsort(-found)[:_LIKELY] + 1
+    return [int(samples) for samples in (*best, *best[best > 1] - 1)]
+
+
+def _refitted(model: "LogModel", base: Fit, place: int, samples: int) -> float:
+    return fit(_moved(model, place, samples), (), base.episodes, base.theta).objective
+
+
+def _nats(model: "LogModel", base: Fit) -> float:
+    scores = model.scores((), base.theta[None], base.episodes)[0]
+    return float(sum(score.log_density.sum() for score in scores))
+
+
+def _moved(model: "LogModel", place: int, samples: int) -> "LogModel":
+    """The model of logs in which one input comes earlier; later by a number below 0."""
+    logs = [_shifted(log, place, samples) for log in model.logs]
+    moved = copy.copy(model)
+    moved.logs = logs
+    known = model.filter
+    moved.filter = Filter(logs, known.blocks, known.starts, known.driven, known.outliers)
+    moved.filter.stretch = known.stretch
+    return moved
+
+
+def _shifted(log: Log, place: int, samples: int) -> Log:
+    inputs, driving = log.inputs.copy(), log.driving.copy()
+    inputs[place] = _advanced(inputs[place], samples)
+    driving[place] = _advanced(driving[place], samples * driving.shape[1] // inputs.shape[1])
+    return replace(log, inputs=inputs, driving=driving)
+
+
+def _advanced(row: FloatArray, samples: int) -> FloatArray:
+    """A row that comes so many samples earlier; its last value is held, or its first."""
+    return row[np.clip(np.arange(len(row)) + samples, 0, len(row) - 1)]

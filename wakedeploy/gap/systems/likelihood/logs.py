@@ -1,0 +1,494 @@
+"""Logs of any system as a `Model`: what is free in every hypothesis, and how likely blocks are.
+
+In: a `System` and recordings. Out: scores of blocks under hypotheses, many parameter sets at once.
+Free in every hypothesis, the base included: noise of sensors and of rates,
+clocks within a sample, constants within their spreads, and a small smooth error of each rate's form
+(Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001).
+"""
+
+import copy
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Score
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.artefacts import Leftover
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.systems.kinds.library import Effect, offered, ports_alike
+from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
+from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of
+from wakedeploy.gap.systems.likelihood.clocks import late_by_a_row, late_inputs
+from wakedeploy.gap.systems.likelihood.filter import Filter, Run, Start
+from wakedeploy.gap.systems.likelihood.initial_states import InitialStates, initial_states
+from wakedeploy.gap.systems.likelihood.leftover import leftovers
+from wakedeploy.gap.systems.likelihood.unseen_states import followed
+from wakedeploy.gap.systems.system import Point, System
+
+SEALED_SHARE = 0.25
+_TOGETHER = 15000  # samples times effects that are looked at in one run
+_SEARCHED = 24000  # samples times states that a search looks at
+_TRIFLE = 0.02  # of a usual size
+_USUAL = 0.98  # quantile of what is usual
+_ENDS = 0.995  # the same of the way: one reading that strays is no end of it
+_FEW = 3  # samples between readings, from which they are few
+_FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
+_LN_SD = 2.0
+# ln sd by which a sensor may be better than stated, or than guessed: a filter that trusts a sensor
+# without limit takes the time within a sample at which a force turned for a force.
+_BETTER, _MUCH_BETTER = 1.0, 6.0
+_USUAL_PUSH, _SHORTEST_PUSH, _LONGEST_PUSH = 15, 2, 300  # samples that a push on a rate lasts
+
+
+class LogModel:
+    """A system, its logs, and the effects that it may lack.
+
+    `channels` are the outputs with their units; an episode is a block of a log.
+    """
+
+    def __init__(
+        self, system: System, recordings: Sequence[Recording], outliers: float | None = None
+    ) -> None:
+        self.system, self.name = system, system.name
+        self.logs = logs_of(system, recordings)
+        self.blocks = blocks_of(self.logs)
+        self.dt_s = 1.0 / system.rate_hz
+        self.channels = tuple((o.name, o.unit) for o in system.outputs)
+        self._kinematic = system.kinematic()
+        known = [initial_states(system, log, self._kinematic) for log in self.logs]
+        guessed = [
+            k.stacked(system, log.outputs.shape[1]) for k, log in zip(known, self.logs, strict=True)
+        ]
+        stated = {*known[0].along, *known[0].first, *system.start_spread}
+        self.hidden = tuple(n for n in system.states if n not in stated)  # begin anywhere
+        self.sizes = self._sizes(guessed)
+        self.driven = self._driven()
+        guessed = self._followed(known, guessed)
+        self.sizes = self._sizes(guessed)
+        spread = self._start_spread()
+        self._starts = [Start(g, spread) for g in guessed]
+        self.span_s = max(log.outputs.shape[1] for log in self.logs) * self.dt_s
+        self.library = offered(system, self.sizes, (self.dt_s, self.span_s))
+        self.effects = {name: effect.free for name, effect in self.library.items()}
+        share = system.outlier_share if outliers is None else outliers
+        self.filter = Filter(self.logs, self.blocks, self._starts, self.driven, share)
+        self.records = [self._record(b) for b in self.blocks]
+        self.is_pushed = True  # whether pushes that last are free in every hypothesis
+        self.horizon = self._horizon()  # samples over which a forecast goes
+
+    def offer(self, effects: Mapping[str, Effect]) -> None:
+        """Have those of other logs, too, that these logs have no reason to look for."""
+        self.library |= {n: e for n, e in effects.items() if n not in self.library}
+        self.effects = {name: effect.free for name, effect in self.library.items()}
+
+    def require_effects(self) -> None:
+        """UnusableInput where nothing can be asked for: "nothing is missing" would be no answer."""
+        if self.library:
+            return
+        if self.system.ports:
+            raise UnusableInput(
+                f"{self.name}: its ports offer no effect that these logs could show; leave out "
+                "their `kinds`, state further ports, or record a log that moves more."
+            )
+        raise UnusableInput(
+            f"{self.name} states no ports, so that there is no effect to ask for; state where one "
+            "may act: ports = [Port.input(…), Port.force(…), Port.output(…)]."
+        )
+
+    @property
+    def episodes(self) -> int:
+        """How many blocks there are."""
+        return len(self.blocks)
+
+    def thinned(self) -> "LogModel":
+        """The same of long logs, with the first samples of each block alone; else itself.
+
+        Which effect is missing shows in some thousand samples; how large it is, all of them say.
+        """
+        enough = max(_SEARCHED // len(self.system.states) // self.episodes, 2 * self.horizon)
+        if max(b.stop - b.start for b in self.blocks) <= enough:
+            return self
+        part = copy.copy(self)
+        part.blocks = [replace(b, stop=min(b.stop, b.start + enough)) for b in self.blocks]
+        part.filter = copy.copy(self.filter)
+        part.filter.blocks = part.blocks
+        part.records = [part._record(b) for b in part.blocks]
+        return part
+
+    def far_ahead(self) -> "LogModel | None":
+        """The same, asked to predict far ahead: few readings a forecast, and no push that lasts.
+
+        Of the next reading, a push that drifts tells as much as a law does, the more so where
+        readings repeat; but what is fitted to such predictions may err after a forecast's length.
+        None where a forecast is so short that all its readings would be looked at.
+        """
+        if self.horizon < _FEW * RULES.readings_ahead:
+            return None
+        view = copy.copy(self)
+        view.filter = copy.copy(self.filter)
+        view.filter.stretch = self.horizon, RULES.readings_ahead
+        view.is_pushed = False
+        view.__dict__.pop("_nuisances", None)
+        return view
+
+    def _horizon(self) -> int:
+        if self.system.forecast_s is not None:
+            return max(round(self.system.forecast_s / self.dt_s), 1)
+        shortest = min(b.stop - b.start for b in self.blocks)
+        return int(np.clip(shortest // 4, _FORECAST, _LONGEST_FORECAST))
+
+    def first_states(self) -> FloatArray:
+        """Where the first log begins, as far as its outputs tell, (n,)."""
+        return np.asarray(self._starts[0].states[:, 0])
+
+    def first_rates(self) -> FloatArray:
+        """What the model says about the states' rates where the logs begin, (n, logs)."""
+        states = np.array([start.states[:, 0] for start in self._starts]).T
+        inputs = np.array([log.inputs[:, 0] for log in self.logs]).T
+        return self._rates(states, inputs)
+
+    def sealed(self) -> tuple[int, ...]:
+        """The last quarter of the blocks, one after another: excitations may repeat."""
+        count = max(round(SEALED_SHARE * self.episodes), 1)
+        return tuple(range(self.episodes - count, self.episodes))
+
+    def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
+        """Noise, clocks, constants, form, and the effects' parameters."""
+        parameters = tuple(f for effect in hypothesis for f in self.effects[effect])
+        return (*self._nuisances, *parameters)
+
+    def values(self, hypothesis: Hypothesis, theta: FloatArray) -> dict[str, float]:
+        """Parameters by name."""
+        names = (f.name for f in self.free(hypothesis))
+        return dict(zip(names, map(float, theta), strict=True))
+
+    def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
+        """One block under one parameter set."""
+        return self.scores(hypothesis, np.asarray(theta)[None], (episode,))[0][0]
+
+    def scores(
+        self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
+    ) -> list[tuple[Score, ...]]:
+        """Blocks under parameter sets (K, p): for each set a score of each block."""
+        run = self.run(hypothesis, thetas, episodes)
+        each = [self._scored(run, i, episode) for i, episode in enumerate(episodes)]
+        return list(zip(*each, strict=True))
+
+    def run(self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]) -> Run:
+        """The filter over some blocks."""
+        names = [f.name for f in self.free(hypothesis)]
+        values = dict(zip(names, np.asarray(thetas, dtype=float).T, strict=True))
+        with np.errstate(all="ignore"):
+            return self.filter.run(self.acting(hypothesis), values, episodes)
+
+    def acting(self, hypothesis: Hypothesis) -> Acting:
+        """The system with a hypothesis's effects."""
+        for name in hypothesis:
+            if name not in self.library:
+                known = ", ".join(self.library) or "none"
+                raise UnusableInput(f"{self.name}: no effect {name!r}; there are: {known}.")
+        effects = [self.library[name] for name in hypothesis]
+        return Acting(self.system, effects, self.sizes, self.driven)
+
+    def disagreement(self, values: Mapping[str, float], episode: int) -> FloatArray:
+        """Measured less forecast (m, n) of a block, 0 where nothing is forecast."""
+        acting = {n.rsplit(".", 1)[0] for n in values}
+        hypothesis = tuple(n for n in self.library if n in acting)
+        return np.nan_to_num(self._forecast(hypothesis, values, (episode,))[0])
+
+    def disagreements(self, fitted: Fit, episodes: Sequence[int]) -> list[FloatArray]:
+        """Measured less forecast (m, n) of blocks, NaN where nothing is forecast."""
+        values = self.values(fitted.hypothesis, fitted.theta)
+        return self._forecast(fitted.hypothesis, values, episodes)
+
+    def groups(self, names: Sequence[str]) -> list[list[str]]:
+        """Effects that one run can tell of, as long as the logs are so short that this saves time.
+
+        Those with states of their own stay alone.
+        """
+        simple = [n for n in names if not self.library[n].own_states]
+        size = max(_TOGETHER // sum(b.stop - b.start for b in self.blocks), 1)
+        groups = [simple[i : i + size] for i in range(0, len(simple), size)]
+        return groups + [[n] for n in names if self.library[n].own_states]
+
+    def ports_alike(self, name: str) -> list[str]:
+        """The same kind at other ports of the same role and unit: at the other wheel's motor."""
+        return ports_alike(self.library, name)
+
+    def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
+        """What still acts and is explained by nothing; () far ahead."""
+        return leftovers(self, fitted) if self.is_pushed else ()
+
+    def late_inputs(self, base: Fit) -> dict[str, float]:
+        """Inputs that come later than the outputs that they drive, and by how much [s]."""
+        return late_inputs(self, base)
+
+    def late_by_a_row(self, found: Fit) -> list[str]:
+        """Delays of one sample, of a system that shows an input directly."""
+        return late_by_a_row(self, found)
+
+    def with_effects(self, effects: Mapping[str, Effect]) -> "LogModel":
+        """The same system that may lack these as well."""
+        wider = copy.copy(self)
+        wider.library = {**self.library, **effects}
+        wider.effects = {name: each.free for name, each in wider.library.items()}
+        return wider
+
+    def crossed_disagreements(
+        self, fitted: Fit, thetas: FloatArray, chosen: Sequence[int]
+    ) -> list[FloatArray]:
+        """The same of a fit's own blocks, each with one of several parameter sets (K, p)."""
+        sets = dict(zip(fitted.names, np.asarray(thetas, dtype=float).T, strict=True))
+        acting = self.acting(fitted.hypothesis)
+        with np.errstate(all="ignore"):
+            return self.filter.forecasts(acting, sets, fitted.episodes, self.horizon, chosen)
+
+    def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
+        """The same (m, n) of two forecasts that ask no model: the last reading, the log's mean.
+
+        The last reading is the newest that was measured, however slow its sensor is; before the
+        first of a log it is the mean.
+        """
+        last, mean = [], []
+        for block in (self.blocks[e] for e in episodes):
+            whole = self.logs[block.log].outputs
+            read = whole[:, block.start : block.stop]
+            means = np.nanmean(whole, axis=1, keepdims=True)
+            begin = block.start + np.arange(read.shape[1]) // self.horizon * self.horizon
+            last.append(read - _newest(whole, means)[:, begin])
+            mean.append(read - means)
+        return [last, mean]
+
+    def _forecast(
+        self, hypothesis: Hypothesis, values: Mapping[str, float], episodes: Sequence[int]
+    ) -> list[FloatArray]:
+        sets = {n: np.array([v]) for n, v in values.items()}
+        with np.errstate(all="ignore"):
+            return self.filter.forecasts(self.acting(hypothesis), sets, episodes, self.horizon)
+
+    def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
+        """Where a sample lies: time, inputs, and the states that outputs show."""
+        block = self.blocks[episode]
+        cut = slice(block.start, block.stop)
+        coordinates: dict[str, tuple[str, FloatArray]] = {"time": ("s", self._time_s(block))}
+        for i, stated in enumerate(self.system.inputs):
+            coordinates[stated.name] = (stated.unit, self.logs[block.log].inputs[i, cut])
+        states = self._starts[block.log].states
+        for i, (name, unit) in enumerate(self.system.states.items()):
+            if np.ptp(states[i]) > 0.0:
+                coordinates[name] = (unit, states[i, cut])
+        return coordinates
+
+    def noise_time_s(self, fitted: Fit, channel: int) -> float:
+        """How long what is left may keep its sign: a forecast's length."""
+        return self.horizon * self.dt_s
+
+    def _scored(self, run: Run, place: int, episode: int) -> list[Score]:
+        """One block's part of a run under each parameter set.
+
+        Channel after channel, each with all samples of the block.
+        """
+        block = self.blocks[episode]
+        n, m, sets = block.stop - block.start, len(self.channels), run.statistics.shape[3]
+        statistics = np.zeros((sets, 4, m, n))
+        statistics[:, 1] = 1.0
+        for s in np.flatnonzero(run.pieces.block == place):
+            inside = run.pieces.scored[:, s]
+            at = run.pieces.sample[inside, s] - block.start
+            statistics[..., at] = run.statistics[..., s][:, inside].transpose(3, 0, 2, 1)
+        channels = tuple(slice(c * n, (c + 1) * n) for c in range(m))
+        scores = []
+        for one_set in statistics.reshape(sets, 4, m * n):
+            # Copied, as fits keep the scores of a few sets for long.
+            innovation, variance, density, weight = one_set.copy()
+            scores.append(Score(density, innovation, variance, weight, channels))
+        return scores
+
+    @functools.cached_property
+    def _nuisances(self) -> tuple[Free, ...]:
+        return (*self._noise(), *self._clocks(), *self._constants(), *self._form())
+
+    def _noise(self) -> list[Free]:
+        """Logarithms of the noise of sensors and of driven states' rates."""
+        parameters = []
+        for output in self.system.outputs:
+            size = self.sizes[f"y {output.name}"]
+            guess = float(np.log(output.noise or 0.01 * size))
+            better = _BETTER if output.noise else _MUCH_BETTER
+            name, bounds = f"noise.{output.name}", (guess - better, float(np.log(10.0 * size)))
+            parameters.append(Free(name, output.unit, guess, _LN_SD, *bounds, 0.01))
+        for name in self.driven:
+            rate = self.sizes[f"d {name}"]
+            guess = float(np.log(self.system.process_noise.get(name, 0.2 * rate)))
+            unit = f"{self.system.states[name]}/s"
+            bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
+            parameters.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
+            if self.is_pushed:
+                parameters += self._lasting(name, unit, rate)
+        return parameters
+
+    def _lasting(self, name: str, unit: str, rate: float) -> list[Free]:
+        """Logarithms of sd and time of a push that lasts."""
+        guess, bounds = float(np.log(0.1 * rate)), np.log([1e-6 * rate, 30.0 * rate])
+        shortest, longest = np.log([_SHORTEST_PUSH * self.dt_s, _LONGEST_PUSH * self.dt_s])
+        usual = float(np.log(_USUAL_PUSH * self.dt_s))
+        return [
+            Free(f"push.{name}", unit, guess, _LN_SD, float(bounds[0]), float(bounds[1]), 0.01),
+            Free(f"lasting.{name}", "s", usual, 1.0, float(shortest), float(longest), 0.02),
+        ]
+
+    def _clocks(self) -> list[Free]:
+        """An input may act up to half a sample sooner or later than its row says."""
+        half = 0.5 * self.dt_s
+        return [
+            Free(f"clock.{i.name}", "s", 0.0, half / 3.0**0.5, -half, half, 0.02 * self.dt_s)
+            for i in self.system.inputs
+        ]
+
+    def _constants(self) -> list[Free]:
+        parameters = []
+        for c in self.system.constants:
+            if c.spread > 0.0:
+                step = 1e-3 * (abs(c.value) or 1.0)
+                if np.isfinite(c.spread):
+                    step = 0.02 * c.spread
+                    if c.keeps_sign:
+                        step = min(step, 0.01 * abs(c.value))
+                name, unit = f"constant.{c.name}", self.system.unit_of_constant(c.name)
+                parameters.append(
+                    Free(name, unit, c.value, c.spread, *c.bounds, step, quantity=c.name)
+                )
+        return parameters
+
+    def _form(self) -> list[Free]:
+        """Bumps of the model-form term, where the log has been."""
+        bumps = []
+        for name in self.driven:
+            i = list(self.system.states).index(name)
+            at = np.concatenate([s.states[i] for s in self._starts]) / self.sizes[name]
+            low, high = at.min() - 0.4, at.max() + 0.4
+            for k, centre in enumerate(BUMPS):
+                if low <= centre <= high:
+                    bumps.append(
+                        Free(f"form.{name}.{k}", "1", 0.0, FORM_EACH, -FORM_MOST, FORM_MOST, 0.002)
+                    )
+        return bumps
+
+    def _followed(
+        self, known: Sequence[InitialStates], guessed: Sequence[FloatArray]
+    ) -> list[FloatArray]:
+        """States (n, N) along each log; those that nothing tells as the model goes beside others.
+
+        A piece within a log begins there, too: an actuator that is at 0 again looks like a lag.
+        """
+        along = [n for n in self.system.states if n in known[0].along]
+        if len(along) == len(self.system.states):
+            return list(guessed)
+        spread = np.zeros(len(self.system.states))
+        alone = Filter(self.logs, (), [Start(g, spread) for g in guessed], self.driven)
+        rows = {n: np.concatenate([k.along[n] for k in known]) for n in along}
+        acting, correction = Acting(self.system, (), self.sizes), self.system.correction
+        values = {} if correction is None else correction.values
+        constants = {n: v for n, v in values.items() if n.startswith("constant.")}
+        states = followed(alone, acting, rows, self.hidden, constants)
+        ends = np.cumsum([log.outputs.shape[1] for log in self.logs])[:-1]
+        return np.split(states, ends, axis=1)
+
+    def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
+        """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
+
+        `least …` is how near to 0 an input or a known state comes, `turns …` whether it changes
+        its sign (1 or 0), `largest …` how far from 0 an input goes, `lowest …` and `highest …` how
+        far a known state goes.
+        `y …` is about an output's mean, `top …` and `bottom …` are its largest and least reading,
+        `readings at top …` how often it shows that.
+        """
+        states = np.concatenate(guessed, axis=1)
+        inputs = np.concatenate([log.inputs for log in self.logs], axis=1)
+        outputs = np.concatenate([log.outputs for log in self.logs], axis=1)
+        sizes = {i.name: _usual(row) for i, row in zip(self.system.inputs, inputs, strict=True)}
+        for stated, row in zip(self.system.inputs, inputs, strict=True):
+            sizes |= _signs(stated.name, row, sizes[stated.name])
+        driving = np.concatenate([log.driving for log in self.logs], axis=1)
+        for stated, row in zip(self.system.inputs, driving, strict=True):
+            sizes[f"largest {stated.name}"] = float(np.abs(row).max())
+        sizes |= {
+            f"y {o.name}": _usual(row - np.nanmean(row))
+            for o, row in zip(self.system.outputs, outputs, strict=True)
+        }
+        for o, row in zip(self.system.outputs, outputs, strict=True):
+            for end, reached in (("top", np.nanmax(row)), ("bottom", np.nanmin(row))):
+                sizes |= {f"{end} {o.name}": float(reached)}
+                sizes |= {f"readings at {end} {o.name}": float((row == reached).sum())}
+        first = max(sizes[f"y {o.name}"] for o in self.system.outputs)
+        for name, row in zip(self.system.states, states, strict=True):
+            unknown = self.system.start_spread.get(name, first)
+            sizes[name] = float(unknown)
+            if np.ptp(row) > 0.0:
+                sizes[name] = _usual(row)
+                sizes |= _signs(name, row, sizes[name])
+                low, high = np.quantile(row, [1.0 - _ENDS, _ENDS])
+                sizes |= {f"lowest {name}": float(low), f"highest {name}": float(high)}
+        rates = self._rates(states, inputs)
+        for i, name in enumerate(self.system.states):
+            moved = np.concatenate([np.gradient(g[i], self.dt_s) for g in guessed])
+            size = float(np.sqrt(np.mean(rates[i] ** 2)))
+            sizes[f"d {name}"] = size if size > 0.0 and np.isfinite(size) else _usual(moved)
+        return sizes
+
+    def _rates(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
+        """What the model says about the rates along the log, (n, N)."""
+        state = Point("state", dict(zip(self.system.states, states, strict=True)))
+        names = [i.name for i in self.system.inputs]
+        driven = Point("input", dict(zip(names, inputs, strict=True)))
+        with np.errstate(all="ignore"):
+            returned = self.system.rates(state, driven, self.system.values())
+        rates = np.array([np.broadcast_to(v, states.shape[1:]) for v in returned.values()])
+        return (rates - states) / self.dt_s if self.system.has_step else rates
+
+    def _driven(self) -> tuple[str, ...]:
+        """States whose rates are noisy: all but integrals and memories, or said to be exact."""
+        stated = self.system.process_noise
+        exact = {n for n, size in stated.items() if size == 0.0} | {*self._kinematic}
+        acted_on = {p.name for p in self.system.ports if p.role in ("force", "custom")}
+        kept = exact | {n for n in self.system.remembered() if n not in {*stated, *acted_on}}
+        # A model that is nothing but memory has its noise there.
+        return tuple(n for n in self.system.states if n not in kept) or tuple(
+            n for n in self.system.states if n not in exact
+        )
+
+    def _start_spread(self) -> FloatArray:
+        stated = self.system.start_spread
+        return np.array([stated.get(n, self.sizes[n]) for n in self.system.states], dtype=float)
+
+    def _time_s(self, block: Block) -> FloatArray:
+        return np.asarray(self.dt_s * np.arange(block.start, block.stop), dtype=np.float64)
+
+    def _record(self, block: Block) -> Record:
+        cut = slice(block.start, block.stop)
+        return Record(block.name, self._time_s(block), self.logs[block.log].outputs[:, cut])
+
+
+def _newest(read: FloatArray, before: FloatArray) -> FloatArray:
+    """Of readings (m, n) the newest measured at each sample; `before` (m, 1) the first."""
+    at = np.where(np.isfinite(read), np.arange(read.shape[1]), -1)
+    newest = np.maximum.accumulate(at, axis=1)
+    known = np.take_along_axis(read, np.maximum(newest, 0), axis=1)
+    return np.where(newest >= 0, known, before)
+
+
+def _signs(name: str, values: FloatArray, size: float) -> dict[str, float]:
+    """How near to 0 values come, and whether their sign changes by more than a trifle."""
+    low, high = float(values.min()), float(values.max())
+    turns = low < -_TRIFLE * size and high > _TRIFLE * size
+    return {f"least {name}": float(np.abs(values).min()), f"turns {name}": float(turns)}
+
+
+def _usual(values: FloatArray) -> float:
+    """The size that is seldom exceeded; 1 for what is always 0."""
+    size = float(np.nanquantile(np.abs(values), _USUAL))
+    return size if size > 0.0 else float(np.nanmax(np.abs(values))) or 1.0
