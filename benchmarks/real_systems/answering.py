@@ -140,7 +140,8 @@ def _errors(model: LogModel, base: Fit, naming: Named) -> dict[str, dict[str, An
     found = naming.model, naming.found
     if weight_of(unseen(*before), unseen(naming.model, naming.base)).share > 0.0:
         before = naming.model, naming.base
-    each = [errors(*fitted, sealed) for fitted in ((model, stated), before, found)]
+    asked: list[tuple[Comparison, Fit]] = [(model, stated), before, found]
+    each = [errors(*fitted, sealed) for fitted in asked]
     return {
         name: {"stated": each[0][k], "fitted": each[1][k], "found": each[2][k], "unit": unit}
         for k, (name, unit) in enumerate(model.channels)

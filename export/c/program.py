@@ -12,8 +12,8 @@ from wakedeploy.core.manifest import FloatArray
 class Statement:
     """Some lines of C that belong together, and the stores that they read and write.
 
-    In a pair of `in_step`, one read and one written, an element of the first is read only before
-    the one at the same place of the second is written: both may be the same memory.
+    `in_step` are pairs of a store that is read and one that is written. Each element is read before
+    the element at the same place is written, so both may be the same memory.
     """
 
     lines: tuple[str, ...]

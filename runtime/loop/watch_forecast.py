@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from wakedeploy.core.rig import Rig
 from wakedeploy.core.rig_sections import SpoolLag, Wake
-from wakedeploy.physics.constants import NEUTRAL, Constants
+from wakedeploy.physics.constants import NEUTRAL, Constants, moved_thrust
 from wakedeploy.physics.effects.acting import ActingEffects
 from wakedeploy.physics.effects.chain import Chain, believed, unplaced_constants
 from wakedeploy.physics.jet import PuffTable, drag_force, paces
@@ -290,8 +290,7 @@ class ForceForecast:
 
     def _bent(self, thrust_n: float, name: str) -> float:
         """A thrust [N] with its curve's exponent moved by one spread; hover stays."""
-        share = max(thrust_n, 0.0) / self._hover_n
-        return float(self._hover_n * share ** (1.0 + self._spreads[name]))
+        return float(moved_thrust(thrust_n, 1.0, 1.0 + self._spreads[name], self._hover_n))
 
 
 def _scaled(values: list[float], after: float) -> list[float]:

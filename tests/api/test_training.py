@@ -114,5 +114,7 @@ def test_names_that_are_none_are_answered(session: Path) -> None:
 
 
 def test_a_study_reads_its_set_from_a_folder() -> None:
-    with pytest.raises(wd.UnusableInput, match=r"lies in no folder, .* data\.write\(FOLDER\)"):
+    with pytest.raises(
+        wd.UnusableInput, match=r"read the set from a folder, .* data\.write\(FOLDER\)"
+    ):
         wd.tune(echo(), "gru", trials=1)

@@ -417,6 +417,6 @@ def test_what_a_study_found_stays_where_its_journal_is_gone(
         (out / "study.journal").write_text(left)
     told = tune(data, out, "--trials", 1, *FAST)
     assert told.exit_code == 2, told.output
-    assert "best.toml is what a study found whose trials are not in" in one_line(told)
+    assert "best.toml belongs to a study whose trials are no longer in" in one_line(told)
     assert (out / "best.toml").read_bytes() == (done / "best.toml").read_bytes()
     assert (out / "trials.csv").read_bytes() == (done / "trials.csv").read_bytes()

@@ -7,6 +7,7 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from wakedeploy.gap.evidence.fits import Free, Score
+from wakedeploy.gap.search.comparison import ComparisonDefaults
 
 EPISODES, SAMPLES = 5, 60
 CALIBRATED = {"gain": (0.4, 0.3), "offset": (-0.2, 0.5)}  # centre and deviation of the priors
@@ -14,7 +15,7 @@ EFFECTS = ("a", "b", "c")
 EFFECT_SD = 3.0
 
 
-class Linear:
+class Linear(ComparisonDefaults):
     """Readings y = sum of columns times parameters + noise of known, uneven variance.
 
     Two calibrated constants with priors, and three effects of which two look alike.

@@ -382,6 +382,6 @@ def _scores(found: Score, folder: Path) -> Scores:
         return Scores(rmse=found.rmse, r2=found.r2)
     except ValidationError as error:
         raise CheckFailed(
-            f"{folder}: the errors of the best weights are no numbers ({first_problem(error)});"
-            " train it with --fresh."
+            f"{folder}: the errors of the best weights are not finite ({first_problem(error)});"
+            " train again with --fresh."
         ) from error

@@ -103,8 +103,8 @@ class Work:
             begun = bool(all_trials(study))
             if not begun and (self.out / BEST).exists():
                 raise UnusableInput(
-                    f"{self.out / BEST} is what a study found whose trials are not in"
-                    f" {self.place.name} any more; choose another --out."
+                    f"{self.out / BEST} belongs to a study whose trials are no longer in"
+                    f" {self.place.name}; choose another --out."
                 )
             paper = None if begun else reference_point(self.plan)
             new = [point for point in starts if is_new(study, point) and point != paper]

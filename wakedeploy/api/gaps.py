@@ -23,7 +23,7 @@ from wakedeploy.gap.systems.answers.words import sentences
 from wakedeploy.gap.systems.files import OF_MJCF, is_mjcf
 from wakedeploy.gap.systems.gantry.artefacts import Result
 from wakedeploy.gap.systems.gantry.findings import Retraining
-from wakedeploy.gap.systems.gantry.folder import Steps, prepare, read_steps
+from wakedeploy.gap.systems.gantry.folder import StepArtefacts, prepare, read_steps
 from wakedeploy.rig.file import read_rig
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Gap:
         return gap
 
     @functools.cached_property
-    def steps(self) -> Steps:
+    def steps(self) -> StepArtefacts:
         """What each step of a rig wrote; UnusableInput for a folder of a system."""
         if isinstance(self.result, SystemResult):
             raise UnusableInput(f"{self.folder} is of a system, whose steps are in its `result`.")

@@ -180,8 +180,8 @@ def _folder_of(data: "EpisodeSet | PathLike") -> Path:
         return Path(data)
     if data.folder is None:
         raise UnusableInput(
-            "This set lies in no folder, from which the workers of a study read it; keep it by"
-            " data.write(FOLDER) and give the folder."
+            "The workers of a study read the set from a folder, and this one has none; call"
+            " data.write(FOLDER) and give FOLDER."
         )
     return data.folder
 

@@ -16,7 +16,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
+from wakedeploy.gap.progress import Progress, StepsDone, quiet, uncounted
 from wakedeploy.gap.report.demo_figure import Flown, draw_story
 from wakedeploy.gap.systems.gantry.findings import Retraining
 from wakedeploy.gap.systems.gantry.folder import read_steps
@@ -111,7 +111,9 @@ def _refuse_foreign(rig_path: Path, logs: Sequence[Path]) -> None:
             )
 
 
-def fly_measured(logs: Sequence[Path], size: Size, workers: int, steps: Steps = uncounted) -> None:
+def fly_measured(
+    logs: Sequence[Path], size: Size, workers: int, steps: StepsDone = uncounted
+) -> None:
     """Flights of the world under the uncorrected rig file, PID alone, as logs without truth."""
     jobs = [(path, size.seconds, index) for index, path in enumerate(logs)]
     parallel_map(_measured, jobs, workers=workers, steps=steps)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
-Steps = Callable[[int, int], None]  # called with the steps done and how many there are
+StepsDone = Callable[[int, int], None]  # called with the steps done and how many there are
 
 
 class Progress(Protocol):

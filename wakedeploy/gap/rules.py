@@ -4,8 +4,10 @@
 """
 
 import itertools
+import math
 from dataclasses import dataclass
 
+_SURE_SD = 0.8416  # quantile of a Gaussian at `Rules.sure_share`
 _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 0, 4: 1, 5: 1}, 2
 
 
@@ -23,6 +25,12 @@ class Rules:
         white_quantile: Of white noise, so many recordings pass as white.
         least_nats: Nothing is named for less, however little chance brings.
         speaks_nats: Sealed recordings that gain less say nothing about an effect.
+        sure_share: Share of the recordings in which an effect has to be found for it to count as
+            one that such recordings tell.
+        margin_nats: A mean gain of which more than `class_nats` are left in that share of them.
+        bent_sd: A constant so many standard deviations from where it is stated is told, and what
+            was found beside it doubted; of twenty constants, chance bends one as far in one case of
+            twenty.
         class_nats: Rivals within this of the best cannot be told from it: odds of 1 to 20.
         most_in_class: More rivals than these are no class; the answer is then unknown.
         least_share: Share of the squared error of forecasts that an effect removes to matter.
@@ -51,6 +59,9 @@ class Rules:
     least_nats: float = 3.0
     speaks_nats: float = 3.0
     class_nats: float = 3.0
+    sure_share: float = 0.8
+    margin_nats: float = 5.9
+    bent_sd: float = 3.0
     most_in_class: int = 3
     least_share: float = 0.01
     least_of_gap: float = 0.001
@@ -64,6 +75,16 @@ class Rules:
 
 
 RULES = Rules()
+
+
+def surely_nats(wanted: float) -> float:
+    """The mean gain of which so many nats are left in four of five recordings.
+
+    A gain of L nats scatters by √(2 L) from one to the next (Kay, Fundamentals of Statistical
+    Signal Processing II, 1998, ch. 6).
+    """
+    half = _SURE_SD / math.sqrt(2.0)
+    return (half + math.sqrt(half**2 + wanted)) ** 2
 
 
 def sealed_count(flights: int) -> int:

@@ -267,7 +267,7 @@ class PageServer:
         self.visitors: set[Visitor] = set()
 
     def carry_out(self, said: dict[str, Any], now_s: float) -> dict[str, Any] | None:
-        """Do what a page asks for; what it is answered. Raises Refused."""
+        """Do what a page asks for and return the answer. Raises Refused."""
         raise Refused("This page cannot ask for anything.")
 
     def changed(self) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from wakedeploy.core.rig import Rig
 from wakedeploy.core.rig_sections import ThrustCurve
@@ -138,8 +139,8 @@ def with_constants(rig: Rig, constants: Mapping[str, float]) -> Rig:
 
 
 def moved_thrust(
-    thrust_n: np.typing.NDArray[np.float64], scale: float, exponent: float, hover_n: float
-) -> np.typing.NDArray[np.float64]:
+    thrust_n: npt.ArrayLike, scale: float, exponent: float, hover_n: float
+) -> npt.NDArray[np.float64]:
     """A thrust [N] after a change of coefficient and exponent; hover moves by `scale` alone."""
     return np.asarray(scale * hover_n * (np.maximum(thrust_n, 0.0) / hover_n) ** exponent)
 

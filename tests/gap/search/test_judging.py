@@ -478,7 +478,8 @@ def test_a_class_is_narrowed_by_its_own_members_only(settling, rival, left):
         Verdict(Candidate("b", fitted, np.ones(4)), ACCEPTED, Weight(0.5, 0.4, 0.6)),
         Verdict(Candidate(rival, fitted, np.ones(4)), HARDLY),
     ]
-    further = rounds._with(SimpleNamespace(sealed=list), outcome, best)
+    model = SimpleNamespace(sealed=list, simpler_effects=lambda name: ())
+    further = rounds._with(model, outcome, best)
     assert (further and further.rivals) == left
 
 
@@ -513,7 +514,8 @@ def test_a_name_is_not_lost_to_what_has_too_many_rivals(settling, named, rivals,
     members = ["b", *(f"r{k}" for k in range(rivals - 1))]
     helps = Weight(0.5, 0.4, 0.6)
     best = [Verdict(Candidate(n, fitted, np.ones(4)), ACCEPTED, helps) for n in members]
-    further = rounds._with(SimpleNamespace(sealed=list), outcome, best)
+    model = SimpleNamespace(sealed=list, simpler_effects=lambda name: ())
+    further = rounds._with(model, outcome, best)
     assert (further is not None) == goes_on
     assert further is None or len(further.rivals) == rivals
 
@@ -530,7 +532,7 @@ def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
     monkeypatch.setattr(rounds, "weight_of", lambda *given: Weight(0.1, low, 0.25))
     monkeypatch.setattr(rounds, "share_of_gap", lambda *given: 0.5)
     monkeypatch.setattr(rounds, "undecided", lambda model, verdicts: list(verdicts))
-    monkeypatch.setattr(rounds, "_rivals", lambda leader, verdicts: verdicts[1:])
+    monkeypatch.setattr(rounds, "_rivals", lambda model, leader, verdicts: verdicts[1:])
     helps, gains = Weight(0.5, 0.4, 0.6), np.ones(4)
 
     def evident(*hypothesis):
@@ -547,7 +549,7 @@ def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
         [_round_with()],
         weights={"a": helps},
     )
-    model = SimpleNamespace(sealed=list)
+    model = SimpleNamespace(sealed=list, simpler_effects=lambda name: ())
     further = rounds._pair(model, named, beside[0], beside, lambda *given: None)
     assert (further and further.rivals) == left
     assert further is None or set(further.weights) == {"a", "b", "c"}

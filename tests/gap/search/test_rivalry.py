@@ -16,6 +16,7 @@ from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.search import rounds
 from wakedeploy.gap.search.artefacts import Round
+from wakedeploy.gap.search.comparison import ComparisonDefaults
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import ACCEPTED, HARDLY, Named, verdict_of
 from wakedeploy.gap.search.results import answer_of
@@ -24,10 +25,20 @@ from wakedeploy.gap.search.rounds import _best, _is_something
 from wakedeploy.gap.search.size_bounds import profiled
 from wakedeploy.gap.search.weighing import Weight, is_outdone
 from wakedeploy.gap.systems.answers.words import sentences
-from wakedeploy.gap.systems.kinds.library import offered
+from wakedeploy.gap.systems.kinds.library import kinds_of, offered
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 RATE = 50.0
+
+
+class _Offering(ComparisonDefaults):
+    """Nothing to fit; kinds are as they are."""
+
+    effects: ClassVar = {}
+
+    def simpler_effects(self, name):
+        port = name.partition("@")[2]
+        return [f"{kind}@{port}" for each in kinds_of(name) for kind in each.simpler]
 
 
 def _verdict(name, why, gains, error, neutral=(0.0,)):
@@ -43,7 +54,7 @@ def _verdict(name, why, gains, error, neutral=(0.0,)):
 
 def _told(*verdicts):
     leader = next(v for v in verdicts if v.why == ACCEPTED)
-    return [v.candidate.name for v in _best(SimpleNamespace(effects={}), leader, verdicts)]
+    return [v.candidate.name for v in _best(_Offering(), leader, verdicts)]
 
 
 def test_what_would_not_be_named_is_a_rival_all_the_same():
@@ -103,7 +114,7 @@ def test_a_simpler_kind_that_is_turned_down_takes_no_candidate_with_it(
     for part, fake in fakes.items():
         monkeypatch.setattr(rounds, part, fake)
     outcome = Named(None, None, None, [], alone=(finer.candidate,))
-    assert rounds.with_one_more(SimpleNamespace(), outcome, lambda *_: None) == named
+    assert rounds.with_one_more(_Offering(), outcome, lambda *_: None) == named
 
 
 def test_what_every_block_finds_worse_is_no_rival():
@@ -115,7 +126,7 @@ def test_what_every_block_finds_worse_is_no_rival():
 def test_forecasts_tell_apart_what_blocks_do_not():
     gains = [4.0, 1.0, 5.0, 2.0]
     members = [_verdict(n, ACCEPTED, gains, e) for n, e in (("a", 1.0), ("bb", 1.01), ("ccc", 2.0))]
-    assert [v.candidate.name for v in undecided(SimpleNamespace(), members)] == ["a", "bb"]
+    assert [v.candidate.name for v in undecided(_Offering(), members)] == ["a", "bb"]
 
 
 @pytest.mark.parametrize(("size", "something"), [(0.0, False), (0.6, True)])

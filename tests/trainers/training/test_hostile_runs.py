@@ -117,7 +117,7 @@ def test_a_run_whose_best_weights_give_no_error_is_told(echo: EpisodeSet, tmp_pa
     tensors = {n: torch.full_like(t, 3e38) for n, t in safetensors.torch.load_file(best).items()}
     safetensors.torch.save_file(tensors, best, header)
     (folder / METRICS).unlink()
-    with pytest.raises(CheckFailed, match="the errors of the best weights are no numbers"):
+    with pytest.raises(CheckFailed, match="the errors of the best weights are not finite"):
         train(config, echo, tmp_path)
 
 

@@ -97,7 +97,7 @@ def guess_columns(path: Path | str) -> str:
         except UnusableInput:
             continue
     if not logs:
-        raise UnusableInput(f"{path}: holds no log of a kind that is known; give a file.")
+        raise UnusableInput(f"{path}: contains no log in a known format; give one log file.")
     return _text(path, logs, form)
 
 

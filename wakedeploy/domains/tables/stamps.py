@@ -43,7 +43,7 @@ class Timeline:
 
     @property
     def rows(self) -> NDArray[np.intp]:
-        """The row (m,) of the log that a stamp is called by."""
+        """The log's row (m,) that stands for each stamp."""
         ends = np.append(self.starts[1:], len(self.order)) - 1
         return self.order[ends if self.keeps == "last" else self.starts]
 

@@ -22,7 +22,7 @@ from wakedeploy.gap.evidence.starts import (
     starts_of,
     unbent_sizes,
 )
-from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.progress import StepsDone, uncounted
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 4
@@ -79,7 +79,7 @@ def rank(
     candidates: Sequence[str],
     *,
     least_nats: float = 0.0,
-    steps: Steps = uncounted,
+    steps: StepsDone = uncounted,
     scans: Scans | None = None,
     known: Sequence[Candidate] = (),
     released: bool = True,
@@ -123,7 +123,7 @@ def rank_fairly(
     candidates: Sequence[str],
     *,
     least_nats: float = 0.0,
-    steps: Steps = uncounted,
+    steps: StepsDone = uncounted,
     scans: Scans | None = None,
 ) -> tuple[Fit, list[Candidate]]:
     """`rank`, on a base that is no worse than the best candidate is without its effect.
@@ -171,8 +171,8 @@ def _cost(model: Model, base: Fit, name: str) -> int:
     return _ROUGH_SIZES + sum(len(f.scanned) for f in parameters)
 
 
-def _advanced(steps: Steps, before: int, total: int, done: int, of: int) -> None:
-    """Steps of the last part, as steps of the whole."""
+def _advanced(steps: StepsDone, before: int, total: int, done: int, of: int) -> None:
+    """StepsDone of the last part, as steps of the whole."""
     steps(before + (total - before) * done // of, total)
 
 
@@ -215,7 +215,7 @@ def _climbed(model: Model, fits: Sequence[Fit], places: Sequence[int]) -> list[F
 
 
 def _from_calibration(
-    model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit], steps: Steps
+    model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit], steps: StepsDone
 ) -> list[Fit]:
     """The fits, and better ones of candidates that move a constant which the base has bent.
 

@@ -11,7 +11,7 @@ from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.systems.gantry.artefacts import Find
 from wakedeploy.gap.systems.gantry.findings import Advice
-from wakedeploy.gap.systems.gantry.folder import Steps
+from wakedeploy.gap.systems.gantry.folder import StepArtefacts
 
 _SECONDS = 20  # as the flights that thresholds are simulated for
 _PORT = "/dev/ttyACM0"
@@ -24,7 +24,7 @@ _STEPS = {
 }
 
 
-def advice(steps: Steps, out: Path) -> Advice | None:
+def advice(steps: StepArtefacts, out: Path) -> Advice | None:
     """What comes after the steps that have run in the folder `out`; None where nothing is left."""
     if cannot_tell(steps.flights) or _wants_confirmation(steps):
         return _fly_more(steps.find or Find())
@@ -36,13 +36,13 @@ def advice(steps: Steps, out: Path) -> Advice | None:
     return Advice(why=_STEPS[steps.missing], commands=[command])
 
 
-def _wants_confirmation(steps: Steps) -> bool:
+def _wants_confirmation(steps: StepArtefacts) -> bool:
     """Something was found, no flight was kept apart, and no step is under way."""
     found = steps.name is not None and steps.name.verdict != "none"
     return found and unconfirmed(steps.flights) and steps.missing != "show"
 
 
-def _use(steps: Steps, out: Path) -> Advice | None:
+def _use(steps: StepArtefacts, out: Path) -> Advice | None:
     """Episodes of the corrected rig, and predictors trained on them; None where it lacks nothing.
 
     The workflow trains one of each by itself where it was asked to.
@@ -75,7 +75,7 @@ def _fly_more(find: Find) -> Advice:
     return Advice(why=f"{why}, {again}", commands=commands)
 
 
-def _split(steps: Steps, out: Path) -> Advice | None:
+def _split(steps: StepArtefacts, out: Path) -> Advice | None:
     """The manoeuvre that splits a class, once it is known; None where the search found none."""
     find = steps.find or Find()
     plan = None if steps.result is None else steps.result.plan

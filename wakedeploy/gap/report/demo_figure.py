@@ -15,7 +15,7 @@ from wakedeploy.core import figures
 from wakedeploy.gap.report.maps import AFTER, BEFORE
 from wakedeploy.gap.search.artefacts import Map
 from wakedeploy.gap.systems.gantry.artefacts import Find, Name, Show, Traces
-from wakedeploy.gap.systems.gantry.folder import Steps
+from wakedeploy.gap.systems.gantry.folder import StepArtefacts
 from wakedeploy.gap.wording import numbers, quantity, scale_of, signs
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Flown:
 
 
 def draw_story(
-    steps: Steps,
+    steps: StepArtefacts,
     tracking: Mapping[str, Any],
     before: Flown,
     after: Flown,

@@ -43,7 +43,7 @@ from wakedeploy.gap.report.tables import (
 from wakedeploy.gap.search.artefacts import Map
 from wakedeploy.gap.systems.gantry.artefacts import Find, Name, Show, Summary
 from wakedeploy.gap.systems.gantry.findings import Confusion, Gap
-from wakedeploy.gap.systems.gantry.folder import TITLE, Steps, read_steps
+from wakedeploy.gap.systems.gantry.folder import TITLE, StepArtefacts, read_steps
 from wakedeploy.gap.wording import (
     UNKNOWN,
     counted,
@@ -56,11 +56,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _found(steps: Steps) -> Find:
+def _found(steps: StepArtefacts) -> Find:
     return steps.find or Find()
 
 
-def _maps(steps: Steps) -> tuple[list[Map], list[Map]]:
+def _maps(steps: StepArtefacts) -> tuple[list[Map], list[Map]]:
     return report_maps.strongest_maps(_found(steps).maps)
 
 
@@ -70,7 +70,7 @@ class Picture:
 
     name: str
     caption: str
-    draw: "Callable[[Steps], Figure | None]"
+    draw: "Callable[[StepArtefacts], Figure | None]"
 
 
 PICTURES = (
@@ -181,7 +181,7 @@ def write_report(out: Path) -> Path:
     return path
 
 
-def draw_pictures(steps: Steps, folder: Path) -> dict[str, pages.Picture]:
+def draw_pictures(steps: StepArtefacts, folder: Path) -> dict[str, pages.Picture]:
     """Draw every figure there is something for, as PNG; others are removed."""
     drawn = {}
     few = cannot_tell(steps.flights)
@@ -200,7 +200,7 @@ def draw_pictures(steps: Steps, folder: Path) -> dict[str, pages.Picture]:
     return drawn
 
 
-def _opening(steps: Steps, out: Path) -> dict[str, Any]:
+def _opening(steps: StepArtefacts, out: Path) -> dict[str, Any]:
     """The first screen, the numbers that matter, what comes next; then the account in detail."""
     summary, verdict = steps.summary, verdict_sentence(steps.summary)
     after = advice(steps, out)
@@ -214,7 +214,7 @@ def _opening(steps: Steps, out: Path) -> dict[str, Any]:
     }
 
 
-def _flights(steps: Steps) -> str:
+def _flights(steps: StepArtefacts) -> str:
     logs = _found(steps).logs
     seconds = quantity(sum(log.seconds for log in logs), "s")
     return f"{counted(len(logs), 'flight')}, {seconds}" if logs else "No flights read yet"
@@ -243,7 +243,7 @@ def _tiles(summary: Summary) -> list[tuple[str, str]]:
     ]
 
 
-def _where(steps: Steps) -> dict[str, Any]:
+def _where(steps: StepArtefacts) -> dict[str, Any]:
     find = steps.find
     if find is None:
         return {}
@@ -254,7 +254,7 @@ def _where(steps: Steps) -> dict[str, Any]:
     }
 
 
-def _which(steps: Steps) -> dict[str, Any]:
+def _which(steps: StepArtefacts) -> dict[str, Any]:
     name = steps.name
     if name is None:
         return {}
@@ -292,7 +292,7 @@ def _untried(name: Name) -> str:
     )
 
 
-def _added(steps: Steps) -> dict[str, Any]:
+def _added(steps: StepArtefacts) -> dict[str, Any]:
     add = steps.add
     if add is None:
         return {}
@@ -305,7 +305,7 @@ def _added(steps: Steps) -> dict[str, Any]:
     }
 
 
-def _nothing_added(steps: Steps) -> str:
+def _nothing_added(steps: StepArtefacts) -> str:
     """Why not; "" where something was added, or the step has still to come."""
     if steps.add is not None or steps.missing in ("find", "name", "add"):
         return ""
@@ -319,7 +319,7 @@ def _nothing_added(steps: Steps) -> str:
     return f"Nothing: {why}. The rig file stays."
 
 
-def _shown(steps: Steps) -> dict[str, Any]:
+def _shown(steps: StepArtefacts) -> dict[str, Any]:
     show = steps.show
     if show is None:
         nothing = "Nothing was added, so there is nothing to compare."
@@ -337,7 +337,7 @@ def _shown(steps: Steps) -> dict[str, Any]:
     }
 
 
-def _gap(steps: Steps) -> dict[str, Gap]:
+def _gap(steps: StepArtefacts) -> dict[str, Gap]:
     """The channels; without a floor where what noise alone leaves is not known."""
     gap = {} if steps.show is None else steps.show.gap
     return without_noise(gap) if noise_unknown(steps.summary) else gap
@@ -358,7 +358,7 @@ def _judging(show: Show) -> str:
     return f"Judged on {listed(show.sealed)}, which {verb} not looked at before."
 
 
-def _data(steps: Steps) -> dict[str, Any]:
+def _data(steps: StepArtefacts) -> dict[str, Any]:
     find = _found(steps)
     return {
         "logs": log_rows(find.logs, find.split.sealed),

@@ -15,9 +15,7 @@ from wakedeploy.core.files import write_text_whole
 from wakedeploy.gap.report.phrases import plain
 from wakedeploy.gap.report.power_charts import cost_chart, minutes_chart, sizes_chart
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.systems.gantry.planning.plan import MARGIN_NATS
 from wakedeploy.gap.systems.gantry.planning.power import EffectPower, Power
-from wakedeploy.gap.systems.gantry.planning.rates import SURE
 from wakedeploy.gap.systems.gantry.planning.sensors import SENSORS
 from wakedeploy.gap.systems.gantry.planning.tracking import CONTROLLER
 from wakedeploy.gap.wording import minus, quantity
@@ -182,7 +180,7 @@ def draw_sensors(power: Power) -> "Figure":
         axes.imshow(power.named_with, cmap="YlGn", vmin=0.0, vmax=1.15, aspect="auto")
         for y, shares in enumerate(power.named_with):
             for x, share in enumerate(shares):
-                weight = "bold" if share >= SURE else "normal"
+                weight = "bold" if share >= RULES.sure_share else "normal"
                 axes.text(x, y, f"{share:.2f}", ha="center", va="center", fontsize=7, weight=weight)
         axes.set_xticks(range(len(names)), names, rotation=30, ha="left")
         axes.xaxis.tick_top()
@@ -310,9 +308,10 @@ def _method(power: Power) -> tuple[str, ...]:
         f"An effect is detected when its gain on flights left out crosses "
         f"{power.threshold_nats:.1f} nats, which less than one data set in twenty without any "
         f"effect does (from {power.threshold_source}). It is named when every rival is more than "
-        f"{RULES.class_nats:g} nats behind on all flights; both must happen in {100 * SURE:.0f} % "
-        f"of the data sets, which takes about {MARGIN_NATS:g} nats on average. Flights that the "
-        "workflow seals, two of seven, take no part in naming.",
+        f"{RULES.class_nats:g} nats behind on all flights; both must happen in "
+        f"{100 * RULES.sure_share:.0f} % of the data sets, which takes about "
+        f"{RULES.margin_nats:g} nats on average. Flights that the workflow seals, two of seven, "
+        "take no part in naming.",
         f"Believe a promise of {100 * SURELY:.0f} % and more as {100 * KEPT:.0f} %: of "
         f"{KEPT_OF} effects hidden in the gap benchmark of which that was promised, so many were "
         "named. Flights are not as linear as this is.",

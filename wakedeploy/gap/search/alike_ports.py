@@ -5,7 +5,7 @@ best first. What both wheels of a robot lack turns it when it is added to one of
 gains, and forecasts get worse.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,13 +49,10 @@ def twins(
     them, or that would be more than `most_effects` with those that were found. A model that knows
     no ports has no twins.
     """
-    ports_alike: Callable[[str], Sequence[str]] | None = getattr(model, "ports_alike", None)
-    if ports_alike is None:
-        return []
     fitted: list[Twins] = []
     gains = {v.candidate.name: v.candidate.gain_nats for v in verdicts}
     for verdict in verdicts:
-        alike = [n for n in ports_alike(verdict.candidate.name) if n not in found.hypothesis]
+        alike = [n for n in model.ports_alike(verdict.candidate.name) if n not in found.hypothesis]
         names = (verdict.candidate.name, *alike)
         nearly = _NEARLY * verdict.candidate.gain_nats
         if not alike or any(gains.get(n, 0.0) < max(needed.get(n, np.inf), nearly) for n in names):
@@ -70,21 +67,23 @@ def twins(
         needs_all = both.gain_nats - max(gains[name] for name in names) > most
         if needs_all and not any(is_nothing(together, name) for name in names):
             fitted.append(Twins(names, both, verdict, still))
-    return _simplest_first(sorted(fitted, key=lambda each: -each.candidate.gain_nats))
+    return _simplest_first(model, sorted(fitted, key=lambda each: -each.candidate.gain_nats))
 
 
-def _simplest_first(fitted: list[Twins]) -> list[Twins]:
+def _simplest_first(model: Comparison, fitted: list[Twins]) -> list[Twins]:
     """What the best one only elaborates, where it gains as much, first; then none that does so."""
     for each in fitted[1:]:
-        finer = all(map(elaborates, sorted(fitted[0].names), sorted(each.names)))
+        finer = _all_elaborate(model, fitted[0], each)
         if finer and rivals_with(fitted[0].candidate, each.candidate):
             return [each, *(other for other in fitted[1:] if other is not each)]
     best = fitted[:1]
-    return best + [
-        each
-        for each in fitted[1:]
-        if not all(map(elaborates, sorted(each.names), sorted(best[0].names)))
-    ]
+    return best + [each for each in fitted[1:] if not _all_elaborate(model, each, best[0])]
+
+
+def _all_elaborate(model: Comparison, finer: Twins, plainer: Twins) -> bool:
+    """Whether each of some effects is the same as one of others, with more to it."""
+    pairs = zip(sorted(finer.names), sorted(plainer.names), strict=False)
+    return all(elaborates(model, name, other) for name, other in pairs)
 
 
 def _climbed(model: Comparison, found: Fit, alone: Fit, names: Sequence[str]) -> Fit:

@@ -237,7 +237,7 @@ class White(Part):
 
 
 class WhitePair(Part):
-    """Of the baseline, and with what was found."""
+    """How white the innovations are: of the baseline, and with what was found."""
 
     before: White
     after: White
@@ -357,7 +357,7 @@ class BeforeAfter(Artefact):
     forecast_s: Number | None = None
 
 
-class Steps(Part):
+class StepResponse(Part):
     """Single steps of a motor: how many, and the median time constant [s]."""
 
     steps: int
@@ -367,8 +367,8 @@ class Steps(Part):
 class SingleSteps(Part):
     """An exponential fitted to each step alone, with its time constant [s] by name."""
 
-    up: Steps
-    down: Steps
+    up: StepResponse
+    down: StepResponse
     tau_s: dict[str, Number]
 
 

@@ -4,29 +4,29 @@ A `Comparison` is a `Model` (parameters, likelihood) that also says what its cha
 coordinates are, which episodes are sealed, and what it predicts wrongly on them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Model
+from wakedeploy.gap.search.artefacts import Leftover
 from wakedeploy.gap.search.places import Axes, Residuals
+
+T = TypeVar("T")
 
 _CORRELATIONS = 5.0  # times the noise's time constant: how long a block of residuals is
 
 
 def searched_on(model: "Comparison") -> "Comparison":
     """The part of the recordings that a search looks at; the model itself, if it knows none."""
-    thinned = getattr(model, "thinned", None)
-    part: Comparison = model if thinned is None else thinned()
-    return part
+    return model.thinned()
 
 
 def asked_far_ahead(model: "Comparison") -> "Comparison | None":
     """The model asked to predict far ahead rather than the next reading, if it can be."""
-    view: Callable[[], Comparison | None] | None = getattr(model, "far_ahead", None)
-    return None if view is None else view()
+    return model.far_ahead()
 
 
 def theta_from(model: "Comparison", hypothesis: tuple[str, ...], *fits: Fit) -> FloatArray:
@@ -37,7 +37,7 @@ def theta_from(model: "Comparison", hypothesis: tuple[str, ...], *fits: Fit) -> 
 
 def is_far_ahead(model: "Comparison") -> bool:
     """Whether a model predicts far ahead, so that a disturbance shows in many innovations."""
-    return not getattr(model, "is_pushed", True)
+    return not model.is_pushed
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +100,110 @@ class Comparison(Model, Protocol):
     def noise_time_s(self, fitted: Fit, channel: int) -> float:
         """How long a channel's noise stays the same [s]."""
         ...
+
+    # What only some know; `ComparisonDefaults` has what the others say.
+    is_pushed: bool
+
+    def thinned(self) -> "Comparison":
+        """The part of the recordings that a search looks at."""
+        ...
+
+    def far_ahead(self) -> "Comparison | None":
+        """The same, asked to predict far ahead rather than the next reading; None if it cannot."""
+        ...
+
+    def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
+        """Errors of forecasts that ask no model, a list of (c, m) for each of these."""
+        ...
+
+    def crossed_disagreements(
+        self, fitted: Fit, thetas: FloatArray, sets: Sequence[int]
+    ) -> list[FloatArray]:
+        """The errors of a fit's episodes, each under the parameters (K, p) of its set."""
+        ...
+
+    def groups(self, names: Sequence[str]) -> list[list[str]]:
+        """Effects that one run can tell of."""
+        ...
+
+    def ports_alike(self, name: str) -> Sequence[str]:
+        """The same kind of effect at other ports of the same role and unit."""
+        ...
+
+    def simpler_effects(self, name: str) -> Sequence[str]:
+        """Effects at the same port that this one is with more to it."""
+        ...
+
+    def is_friction_law(self, name: str) -> bool:
+        """Whether an effect is a finer law of the friction that a simpler one is."""
+        ...
+
+    def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
+        """What still acts and is explained by nothing."""
+        ...
+
+    def late_inputs(self, base: Fit) -> dict[str, float]:
+        """Inputs that come later than the outputs that they drive, and by how much [s]."""
+        ...
+
+    def late_by_a_row(self, found: Fit) -> list[str]:
+        """Delays that may come from how rows were logged."""
+        ...
+
+
+class ComparisonDefaults:
+    """What a comparison says that knows nothing but its response and its noise."""
+
+    is_pushed = True
+
+    def thinned(self: T) -> T:
+        """All recordings."""
+        return self
+
+    def far_ahead(self) -> Comparison | None:
+        """It has one way to predict."""
+        return None
+
+    def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
+        """No forecast asks no model."""
+        return []
+
+    def crossed_disagreements(
+        self: Comparison, fitted: Fit, thetas: FloatArray, sets: Sequence[int]
+    ) -> list[FloatArray]:
+        """One episode after the other."""
+        return [
+            self.disagreements(replace(fitted, theta=thetas[k]), [episode])[0]
+            for episode, k in zip(fitted.episodes, sets, strict=True)
+        ]
+
+    def groups(self, names: Sequence[str]) -> list[list[str]]:
+        """Each by itself."""
+        return [[name] for name in names]
+
+    def ports_alike(self, name: str) -> Sequence[str]:
+        """There are no ports."""
+        return ()
+
+    def simpler_effects(self, name: str) -> Sequence[str]:
+        """None is another with more to it."""
+        return ()
+
+    def is_friction_law(self, name: str) -> bool:
+        """None is."""
+        return False
+
+    def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
+        """What acts beside the effects is noise."""
+        return ()
+
+    def late_inputs(self, base: Fit) -> dict[str, float]:
+        """Inputs have no clock of their own."""
+        return {}
+
+    def late_by_a_row(self, found: Fit) -> list[str]:
+        """Rows are as they were measured."""
+        return []
 
 
 def residual_series(

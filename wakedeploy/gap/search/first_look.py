@@ -26,7 +26,7 @@ from wakedeploy.gap.evidence.fits import (
     scores_of,
 )
 from wakedeploy.gap.evidence.separation import whitened
-from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.search.comparison import Comparison
 
 _PARTS = (1.0, 0.3)  # of a step, as far as the likelihood rises
@@ -123,7 +123,7 @@ class _Plan:
 
 
 def looks(
-    model: Comparison, ground: Ground, names: Sequence[str], steps: Steps = uncounted
+    model: Comparison, ground: Ground, names: Sequence[str], steps: StepsDone = uncounted
 ) -> list[Look]:
     """Every candidate; on short logs several at once, as each run costs about the same."""
     plans = {name: _Plan.of(model, ground.base, name) for name in names}
@@ -149,9 +149,7 @@ def together(
     On short logs several are scored in one run: all act, but one of them at a time is there. What
     a candidate's points do not say is as in `like`.
     """
-    apart = getattr(model, "groups", None)  # of those that one run can tell of
-    groups: list[list[str]] = [[n] for n in points] if apart is None else apart(list(points))
-    for group in groups:
+    for group in model.groups(list(points)):
         hypothesis = (*base.hypothesis, *group)
         free = model.free(hypothesis)
         origin = dict(zip([f.name for f in free], extended(like, free), strict=True))
@@ -195,7 +193,7 @@ def _look(
 
 
 class _Climb:
-    """Steps of a candidate's amplitudes, the base's parameters following."""
+    """StepsDone of a candidate's amplitudes, the base's parameters following."""
 
     def __init__(
         self,

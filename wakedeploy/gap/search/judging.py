@@ -97,14 +97,10 @@ def _on_part(model: Comparison, base: Fit) -> tuple[Comparison, Fit]:
 
 def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[Leftover, ...]:
     """What still acts beside what was named far ahead, where no push can say so."""
-    acting = getattr(model, "leftovers", None)
-    if acting is None:
-        return ()
     hypothesis = again.found.hypothesis
     start = theta_from(model, hypothesis, outcome.found, again.found)
     fitted = settled(model, fit(model, hypothesis, outcome.found.episodes, start))[0]
-    pushes: tuple[Leftover, ...] = acting(fitted)
-    return pushes
+    return model.leftovers(fitted)
 
 
 def _named(
@@ -152,8 +148,7 @@ def _searched(
     needed = any(weight.low > RULES.surely_share for weight in outcome.weights.values())
     if not needed and is_outdone(model, outcome.found):
         outcome = replace(outcome, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
-    acting = getattr(model, "leftovers", None)
-    return outcome if acting is None else replace(outcome, leftover=acting(outcome.found))
+    return replace(outcome, leftover=model.leftovers(outcome.found))
 
 
 def _found(

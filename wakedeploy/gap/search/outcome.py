@@ -73,15 +73,18 @@ def evident_yet_unnamed(outcome: Named) -> list[Forecast]:
 def left_of(outcome: Named, found: Fit) -> Named:
     """What was named, as far as a fit still has it."""
     kept = {n: w for n, w in outcome.weights.items() if n in found.hypothesis}
-    return replace(outcome, found=found, rivals=still_open(found, outcome.rivals), weights=kept)
+    rivals = still_open(outcome.model, found, outcome.rivals)
+    return replace(outcome, found=found, rivals=rivals, weights=kept)
 
 
-def still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
+def still_open(model: Comparison, found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
     """A class without its members' elaborations; () where more than one of it was found."""
     if sum(n in found.hypothesis for n in rivals) != 1:
         return ()
     named_member = next(n for n in rivals if n in found.hypothesis)
-    distinct = tuple(n for n in rivals if n == named_member or not elaborates(n, named_member))
+    distinct = tuple(
+        n for n in rivals if n == named_member or not elaborates(model, n, named_member)
+    )
     return distinct if len(distinct) > 1 else ()
 
 

@@ -165,7 +165,7 @@ def _map(
 
 
 def _judged(strength: float, shuffled: FloatArray) -> tuple[float, float]:
-    """The share of shuffles that are as strong, and how many of their deviations it stands out.
+    """The share of shuffles as strong, and by how many of their deviations it exceeds them.
 
     Many p values are the least that so many shuffles can give; deviations still tell which of them
     stands out the most, whatever the channel.

@@ -13,7 +13,7 @@ import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Score, Slopes, scores_of
 from wakedeploy.gap.evidence.inference import fit, settled
-from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.search.climbing import advanced, fresh
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.first_look import starts_of
@@ -25,7 +25,7 @@ _KEPT, _ENDED = 8, 4  # candidates that go on, and that are fitted to the end
 
 
 def begun_anew(
-    model: Comparison, base: Fit, names: Sequence[str], steps: Steps = uncounted
+    model: Comparison, base: Fit, names: Sequence[str], steps: StepsDone = uncounted
 ) -> dict[str, Fit]:
     """Fits of candidates that come out above the base, which has no effect yet.
 

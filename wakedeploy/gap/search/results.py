@@ -3,7 +3,7 @@
 In: a `Comparison`, its fits, and what was named. Out: the artefacts of `find`, `name` and `show`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.whiteness import whiteness
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import (
     Answer,
     BeforeAfter,
@@ -41,8 +42,6 @@ from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
 from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters
 from wakedeploy.gap.search.weighing import unseen, weight_of
-
-_FAR_SPREADS = 3.0  # from there on a constant is doubted, and what was found beside it
 
 
 def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
@@ -75,8 +74,8 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         constants=_constants(outcome.found),
         stated=_stated(outcome.found),
         moved=_moved(outcome.found),
-        late=_late(model, outcome.base),
-        late_by_a_row=_late_by_a_row(model, outcome.found),
+        late=model.late_inputs(outcome.base),
+        late_by_a_row=model.late_by_a_row(outcome.found),
         noise=_noise(outcome.found),
         rounds=outcome.rounds,
         unsettled=list(outcome.unsettled),
@@ -93,18 +92,6 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
 def _stated(found: Fit) -> dict[str, float]:
     """What the system states of the constants that were fitted, by name."""
     return {f.quantity: f.neutral for f in found.free if f.name.startswith("constant.")}
-
-
-def _late(model: Comparison, base: Fit) -> dict[str, float]:
-    """Inputs that come too late, by seconds, of a model that can tell."""
-    asked: Callable[[Fit], dict[str, float]] | None = getattr(model, "late_inputs", None)
-    return {} if asked is None else asked(base)
-
-
-def _late_by_a_row(model: Comparison, found: Fit) -> list[str]:
-    """Delays that may come from how rows were logged, of a model that can tell."""
-    asked: Callable[[Fit], list[str]] | None = getattr(model, "late_by_a_row", None)
-    return [] if asked is None else asked(found)
 
 
 def before_after(
@@ -204,7 +191,7 @@ def _moved(fitted: Fit) -> dict[str, float]:
     """Constants far from where they were stated, in spreads; as by a unit that is another one."""
     far = {f.quantity: (v - f.neutral) / f.prior_sd
            for f, v in zip(fitted.free, fitted.theta, strict=True) if f.quantity}  # fmt: skip
-    return {name: float(spreads) for name, spreads in far.items() if abs(spreads) > _FAR_SPREADS}
+    return {name: float(spreads) for name, spreads in far.items() if abs(spreads) > RULES.bent_sd}
 
 
 def _noise(fitted: Fit) -> dict[str, Quantity]:

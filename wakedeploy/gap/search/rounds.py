@@ -131,7 +131,7 @@ def _judged(
     gained = share_of_gap(begun, before, squares)
     if not is_shared(effect, needed):
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
-    elif gained < RULES.least_share and any(refines(effect.name, n) for n in known):
+    elif gained < RULES.least_share and any(refines(model, effect.name, n) for n in known):
         why = REFINES
     elif _is_worth_naming(weight, known):
         why = TRIFLE if gained < RULES.least_of_gap else ACCEPTED
@@ -160,12 +160,12 @@ def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> li
 
 def _alike(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
     """A leader and what the recordings do not tell from it; none that only elaborates another."""
-    alike = undecided(model, [leader, *_rivals(leader, verdicts)])
+    alike = undecided(model, [leader, *_rivals(model, leader, verdicts)])
     names = [v.candidate.name for v in alike]
     return [
         v
         for v in alike
-        if v is leader or not any(elaborates(v.candidate.name, other) for other in names)
+        if v is leader or not any(elaborates(model, v.candidate.name, other) for other in names)
     ]
 
 
@@ -182,14 +182,14 @@ def _plainer(
     return Verdict(plainer, ACCEPTED, weight, squares) if worth else leader
 
 
-def _rivals(leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+def _rivals(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
     """Those of the fitted that blocks do not tell from a leader; none that only elaborates it."""
     leading = leader.candidate.name
     return [
         v
         for v in verdicts[:_TRIED]
         if v.candidate.name != leading
-        and not elaborates(v.candidate.name, leading)
+        and not elaborates(model, v.candidate.name, leading)
         and rivals_with(leader.candidate, v.candidate)
     ]
 
@@ -218,7 +218,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
             searched = outcome.rounds[-1] = marked(searched, effect.name, why)
             continue
         outcome.rounds[-1] = _with_chosen(model, searched, better, (effect.name,), members)
-        rivals = still_open(better, members if len(members) > 1 else outcome.rivals)
+        rivals = still_open(model, better, members if len(members) > 1 else outcome.rivals)
         unsettled = outcome.unsettled if still else (*outcome.unsettled, effect.name)
         weights = {**outcome.weights, effect.name: weight}
         return replace(outcome, found=better, rivals=rivals, weights=weights, unsettled=unsettled)

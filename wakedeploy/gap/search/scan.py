@@ -11,7 +11,7 @@ import numpy as np
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
-from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import begun, climbed, finished, raced, sized, to_the_end
 from wakedeploy.gap.search.comparison import Comparison, is_far_ahead
@@ -28,22 +28,13 @@ WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
 _LOUDEST = 6.0  # sd of an innovation that counts in full
 _TURNED = 50  # samples of a block whose sign chance turns, at least
 NOTHING: Mapping[str, Fit] = {}
-_SIMPLER_KINDS = {
-    "pre-sliding-friction": ("coulomb-friction",),
-    "stribeck-friction": ("coulomb-friction",),
-    "hysteresis": ("coulomb-friction", "pre-sliding-friction"),
-    "second-order-lag": ("lag", "dead-time"),
-    "periodic-force": ("offset", "gravity"),
-    "preloaded-spring": ("stiffness", "offset"),
-}
-_FINER_FRICTION = ("pre-sliding-friction", "stribeck-friction")
 
 
 def ranked(
     model: Comparison,
     base: Fit,
     names: Sequence[str],
-    steps: Steps = uncounted,
+    steps: StepsDone = uncounted,
     known: Mapping[str, Fit] = NOTHING,
 ) -> tuple[list[Candidate], Chance]:
     """Candidates on top of `base`, best first, and the gains that chance brings.
@@ -224,16 +215,14 @@ def _basis(columns: FloatArray, ground: Ground) -> FloatArray:
     return np.asarray(basis[: len(columns)])
 
 
-def elaborates(name: str, other: str) -> bool:
+def elaborates(model: Comparison, name: str, other: str) -> bool:
     """Whether an effect is the same as another with more to it, at the same port."""
-    kind, _, port = name.partition("@")
-    plainer, _, there = other.partition("@")
-    return port == there and plainer in _SIMPLER_KINDS.get(kind, ())
+    return other in model.simpler_effects(name)
 
 
-def refines(name: str, other: str) -> bool:
+def refines(model: Comparison, name: str, other: str) -> bool:
     """Whether an effect is a finer law of the friction that another is, at the same port."""
-    return elaborates(name, other) and name.partition("@")[0] in _FINER_FRICTION
+    return model.is_friction_law(name) and elaborates(model, name, other)
 
 
 def simpler(
@@ -244,9 +233,8 @@ def simpler(
     It is one of the others, or fitted from the best one's point.
     """
     known = {other.name: other for other in others}
-    kind, _, port = best.name.partition("@")
-    for plainer in _SIMPLER_KINDS.get(kind, ()):
-        name, least = f"{plainer}@{port}", RULES.simpler_share * best.gain_nats
+    least = RULES.simpler_share * best.gain_nats
+    for name in model.simpler_effects(best.name):
         if name not in model.effects or name in base.hypothesis:
             continue
         if name in known and known[name].gain_nats >= least:

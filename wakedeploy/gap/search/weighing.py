@@ -6,8 +6,8 @@ that these can decide; sealed blocks take no part in that, and report. A size th
 stays as all blocks have it.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student_t
@@ -80,19 +80,8 @@ def crossed(model: Comparison, fitted: Fit) -> FloatArray:
     count = len(fitted.episodes)
     folds = np.array_split(np.arange(count), min(_FOLDS, count))
     thetas = np.array([without(fitted, fold.tolist()) for fold in folds])
-    at_once = getattr(model, "crossed_disagreements", None)
-    if at_once is None:
-        errors = [
-            error
-            for fold, theta in zip(folds, thetas, strict=True)
-            for error in model.disagreements(
-                replace(fitted, theta=theta), [fitted.episodes[i] for i in fold]
-            )
-        ]
-    else:
-        errors = at_once(
-            fitted, thetas, np.repeat(np.arange(len(folds)), [len(f) for f in folds]).tolist()
-        )
+    sets = np.repeat(np.arange(len(folds)), [len(f) for f in folds]).tolist()
+    errors = model.crossed_disagreements(fitted, thetas, sets)
     return stretches(model, errors)
 
 
@@ -129,11 +118,10 @@ def is_outdone(model: Comparison, fitted: Fit) -> bool:
 
     What acts on a model that explains so little is no effect on the system.
     """
-    asked: Callable[[Sequence[int]], list[list[FloatArray]]] | None = getattr(model, "held", None)
-    if asked is None:
+    held = model.held([*fitted.episodes, *model.sealed()])
+    if not held:
         return False
-    modelled, all_of = unfitted(model, fitted), [*fitted.episodes, *model.sealed()]
-    asked_all = np.array([stretches(model, each) for each in asked(all_of)])
+    modelled, asked_all = unfitted(model, fitted), np.array([stretches(model, h) for h in held])
     best = np.argmin(asked_all.sum(1), axis=0)  # of each channel
     simple = np.take_along_axis(asked_all, best[None, None], axis=0)[0]
     return weight_of(simple, modelled).share <= 0.0

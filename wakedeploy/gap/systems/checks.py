@@ -56,10 +56,10 @@ def _bounded(system: _System, c: Constant) -> Constant:
         return wide
     raise UnusableInput(
         f"{system.name}: constant {c.name!r} is {c.value:g} with a spread of {c.spread:g}, "
-        f"{c.spread / abs(c.value):.0f} times its value, and so may be 0 or have the other sign, "
-        f"but {why}. Bound it with low and high, or state another spread, which is in the "
-        f"constant's unit: write spread={0.1 * abs(c.value):.2g} for 10 % of it, or "
-        'spread=float("inf") if nobody has measured it.'
+        f"{c.spread / abs(c.value):.0f} times its value. It may then be 0 or have the other sign, "
+        f"but {why}. Bound it with low and high, or state a smaller spread in the constant's unit: "
+        f"spread={0.1 * abs(c.value):.2g} is 10 % of it. If nobody has measured it, write "
+        'spread=float("inf").'
     )
 
 

@@ -16,7 +16,7 @@ from wakedeploy.core.units import contradicted
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.separation import whitened
-from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.search.first_look import Ground, look
 from wakedeploy.gap.systems.checks import MOST_STEPS
@@ -49,7 +49,7 @@ def checked_base(model: LogModel) -> Fit:
     return fit(model, (), begun.episodes, begun.theta, enough_nats=_AT_REST_NATS)
 
 
-def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:
+def rows(model: LogModel, base: Fit, steps: StepsDone = uncounted) -> list[Row]:
     """Constants first, then effects, in the library's order."""
     known = np.concatenate(whitened(base.slopes))
     prior = np.sqrt(prior_precision(base.free))

@@ -18,7 +18,7 @@ from wakedeploy.gap.systems.gantry.find_name_add_show import Case, add, name, op
 from wakedeploy.gap.systems.gantry.findings import Effect
 from wakedeploy.gap.systems.gantry.folder import (
     PICTURES,
-    Steps,
+    StepArtefacts,
     forget,
     prepare,
     read_plan,
@@ -267,7 +267,7 @@ def test_beside_a_sure_effect_the_class_is_still_to_be_settled() -> None:
     def left(*added: str, show: Show | None = None) -> tuple[str | None, str]:
         effects = [RigEffect(name=each) for each in added]
         add = Add(rig="rig.toml", old_sha256="", new_sha256="", effects=effects) if added else None
-        steps = Steps(Find(), named, add, show)
+        steps = StepArtefacts(Find(), named, add, show)
         return steps.missing, steps.option
 
     assert left() == ("add", "")

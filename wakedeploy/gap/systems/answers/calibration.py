@@ -4,9 +4,9 @@ In: an answer. Out: sentences and rows.
 """
 
 from wakedeploy.gap.search.artefacts import Answer
+from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import listed, measured, minus, scale_of
 
-_GAINS = ("gain", "sensor-gain")  # kinds of effects that a constant may stand for
 _SPEAKS_NATS = 2.0  # about half of what a constant hides that moved by three spreads
 _MOST_TOLD = 12
 
@@ -69,8 +69,8 @@ def _plainly(value: float, beside: list[float], unit: str) -> str:
 
 
 def _unnamed_gains(answer: Answer) -> list[str]:
-    """Gains that the last round ranked above a little, the clearest first."""
+    """Gains, for which a constant may stand, that the last round ranked; the clearest first."""
     named = {effect.name for effect in answer.effects}
     last = answer.rounds[-1].ranking if answer.rounds else []
     clear = [each for each in last if each.gain_nats > _SPEAKS_NATS and each.name not in named]
-    return [each.name for each in clear if each.name.partition("@")[0] in _GAINS]
+    return [each.name for each in clear if any(k.is_gain for k in kinds_of(each.name))]

@@ -7,7 +7,7 @@ In: a parameter and its size. Out: what it is called, and the size that is told.
 from collections.abc import Sequence
 
 from wakedeploy.gap.search.artefacts import Size
-from wakedeploy.gap.systems.kinds.library import KINDS_BY_ROLE
+from wakedeploy.gap.systems.kinds.library import kinds_of
 
 
 def as_read(effect: str, parameter: str, size: Size) -> tuple[str, Size]:
@@ -37,7 +37,5 @@ def inverse_unit(unit: str) -> str:
 
 def _inverse(effect: str, parameter: str) -> str:
     """What the inverse of an effect's parameter is called; "" where nobody thinks of it."""
-    kind_name = effect.partition("@")[0]
-    parameters = (p for kinds in KINDS_BY_ROLE.values() for k in kinds if k.name == kind_name
-                  for p in k.parameters)  # fmt: skip
+    parameters = (p for kind in kinds_of(effect) for p in kind.parameters)
     return next((p.inverse for p in parameters if p.name == parameter), "")

@@ -17,7 +17,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.fish import RATE_HZ, import_set
 from wakedeploy.gap.evidence.fits import FloatArray, Free
 from wakedeploy.gap.evidence.inference import fit
-from wakedeploy.gap.progress import Progress, Steps, uncounted
+from wakedeploy.gap.progress import Progress, StepsDone, uncounted
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.domains.domain import GapDomain
 from wakedeploy.gap.systems.likelihood.response import ResponseModel, Values, required
@@ -149,7 +149,9 @@ def further(model: FishModel, progress: Progress) -> dict[str, Any]:
     }
 
 
-def delay_profile(model: FishModel, delays_s: FloatArray, steps: Steps = uncounted) -> FloatArray:
+def delay_profile(
+    model: FishModel, delays_s: FloatArray, steps: StepsDone = uncounted
+) -> FloatArray:
     """Largest log likelihood [nats] at each delay, all other parameters refitted, (n,)."""
     pinned = _Pinned(model)
     everything = range(model.episodes)

@@ -37,7 +37,7 @@ Kind = TypeVar("Kind", bound=Artefact)
 
 
 @dataclass(frozen=True)
-class Steps:
+class StepArtefacts:
     """One artefact per step; None where it has not run."""
 
     find: Find | None = None
@@ -117,9 +117,9 @@ def read_plan(folder: Path) -> Plan | None:
     return _read(folder / "plan.json", Plan)
 
 
-def read_steps(folder: Path) -> Steps:
+def read_steps(folder: Path) -> StepArtefacts:
     """Read the artefacts of a folder; UnusableInput where a file is there and cannot be read."""
-    return Steps(
+    return StepArtefacts(
         _read(folder / "find.json", Find),
         _read(folder / "name.json", Name),
         _read(folder / "add.json", Add),
@@ -190,7 +190,7 @@ def forget(folder: Path, first: str) -> None:
             (folder / beside).unlink(missing_ok=True)
 
 
-def required(folder: Path, before: str, rig_sha256: str, logs: Sequence[str]) -> Steps:
+def required(folder: Path, before: str, rig_sha256: str, logs: Sequence[str]) -> StepArtefacts:
     """What the steps have left; `before` has run in the folder, on this rig file and these logs.
 
     `logs` are the SHA-256 of the recordings, in order. UnusableInput where it has not.

@@ -16,7 +16,7 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Part
 from wakedeploy.gap.systems.gantry.artefacts import Find, Result
-from wakedeploy.gap.systems.gantry.folder import Steps, read_steps
+from wakedeploy.gap.systems.gantry.folder import StepArtefacts, read_steps
 from wakedeploy.gap.systems.gantry.planning.plan import (
     Option,
     make_plan,
@@ -112,7 +112,7 @@ def what_is_open(folder: Path) -> Open:
     )
 
 
-def _names(steps: Steps, result: Result) -> tuple[str, ...]:
+def _names(steps: StepArtefacts, result: Result) -> tuple[str, ...]:
     """The members of the class, or the effects that lead where nothing was named."""
     if len(result.rivals) > 1:
         return tuple(result.rivals)

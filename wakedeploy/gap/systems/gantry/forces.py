@@ -362,7 +362,7 @@ class _Sum(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Motions:
-    """Forces at motions near the nominal one."""
+    """The forces along a flight, at motions near the nominal one."""
 
     rig: Rig
     setting: Setting

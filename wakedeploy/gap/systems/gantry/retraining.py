@@ -25,7 +25,7 @@ from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import make_set, record
 from wakedeploy.domains.gantry_measured import measured_stretches
-from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
+from wakedeploy.gap.progress import Progress, StepsDone, quiet, uncounted
 from wakedeploy.gap.systems.gantry.findings import Interval, Retraining, Scores
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import parse_rig
@@ -117,7 +117,7 @@ def fly_both(
     *,
     seconds: float = FLIGHT_S,
     workers: int = 2,
-    steps: Steps = uncounted,
+    steps: StepsDone = uncounted,
 ) -> dict[str, Any]:
     """Height error of either pilot on the plant `world`, which still hides the effect.
 
@@ -152,7 +152,7 @@ class _Job:
     name: str
 
 
-def _in_processes(jobs: Sequence[_Job], workers: int, steps: Steps) -> dict[str, Path]:
+def _in_processes(jobs: Sequence[_Job], workers: int, steps: StepsDone) -> dict[str, Path]:
     """Train side by side, a fresh process with one thread each: models this small gain from none.
 
     The number of threads is read when torch is imported, which a forked process may have behind it.

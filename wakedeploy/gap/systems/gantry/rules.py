@@ -18,8 +18,6 @@ class GantryRules(Rules):
             form.
         clear_nats: Effects that explain more have no better expression that leaves no rest.
         same_summit_nats: Depth of the interval of a summit: half of the 90 % quantile of chi².
-        bent_sd: A calibrated constant so many standard deviations from where the rig file has it
-            is told; of twenty constants, chance bends one as far in one rig of twenty.
     """
 
     most_effects: int = 3
@@ -28,7 +26,6 @@ class GantryRules(Rules):
     relatives_share: float = 0.1
     clear_nats: float = 60.0
     same_summit_nats: float = 1.35
-    bent_sd: float = 3.0
 
 
 RULES = GantryRules()

@@ -26,7 +26,7 @@ from wakedeploy.gap.systems.gantry.find_name_add_show import (
 )
 from wakedeploy.gap.systems.gantry.findings import Answer, Effect, Judged, Splitting
 from wakedeploy.gap.systems.gantry.folder import (
-    Steps,
+    StepArtefacts,
     parts,
     prepare,
     read_plan,
@@ -139,7 +139,7 @@ def write_result(out: Path, result: Result) -> Result:
 def plan_kept(out: Path, plan: Plan) -> bool:
     """Write `plan.json`; whether the result is of this class, and tells of the plan from now on."""
     write(out, plan)
-    steps: Steps = read_steps(out)
+    steps: StepArtefacts = read_steps(out)
     if steps.result is None or steps.result.rivals != plan.rivals:
         return False
     splitting = planned(plan.rivals, steps.name, out)

@@ -110,6 +110,8 @@ class Stribeck(DryFriction):
     """Dry friction that falls as motion begins."""
 
     name = "stribeck-friction"
+    simpler = ("coulomb-friction",)
+    is_friction_law = True
     phrase = "dry friction on {port} that falls as motion begins"
     equation = "−F exp(−(v/speed)²) sign(v)"
     source = _ARMSTRONG
@@ -128,6 +130,8 @@ class Presliding(ForceKind):
     """Dry friction that gives elastically before it slides."""
 
     name = "pre-sliding-friction"
+    simpler = ("coulomb-friction",)
+    is_friction_law = True
     phrase = "dry friction on {port} that gives elastically before it slides"
     equation = "−F z, length z' = v − |v| z"
     source = "Dahl, AIAA Journal 14, 1976"
@@ -181,6 +185,7 @@ class PreloadedSpring(ForceKind):
     """A spring that rests elsewhere than at position 0, as a buoyancy that changes with depth."""
 
     name = "preloaded-spring"
+    simpler = ("stiffness", "offset")
     phrase = "a spring that acts on {port} and does not rest at position 0"
     equation = "F − k x"
     source = _MECHANICS
@@ -247,6 +252,7 @@ class Periodic(ForceKind):
     """A force that repeats along the way, as cogging."""
 
     name = "periodic-force"
+    simpler = ("offset", "gravity")
     phrase = "a force on {port} that repeats along the way"
     equation = "s sin(2π x/length) + c cos(2π x/length)"
     source = "Hanselman, Brushless Motors, 2012"
@@ -268,6 +274,7 @@ class Hysteresis(ForceKind):
     """A restoring force that remembers where the motion turned."""
 
     name = "hysteresis"
+    simpler = ("coulomb-friction", "pre-sliding-friction")
     phrase = "a restoring force on {port} that remembers where the motion turned"
     equation = "−F z, length z' = v − |v| z − shape v |z|"
     source = "Wen, Journal of the Engineering Mechanics Division 102, 1976"

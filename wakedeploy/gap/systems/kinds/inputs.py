@@ -53,6 +53,7 @@ class DeadTime(InputKind):
     """The input acts later."""
 
     name = "dead-time"
+    is_delay = True
     phrase = "a delay before {port} acts"
     equation = "u(t − delay)"
     source = _LJUNG
@@ -69,7 +70,7 @@ class DeadTime(InputKind):
     def own_rates(
         self, own_states: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
-        """None: what was commanded last before the log acts until its first command does."""
+        """No rate: the command before the log acts until the first one in the log does."""
         return (np.zeros_like(own_states[0]),)
 
     def from_before(
@@ -126,6 +127,7 @@ class SecondOrderLag(InputKind):
     """
 
     name = "second-order-lag"
+    simpler = ("lag", "dead-time")
     phrase = "a lag of second order with which {port} follows its command"
     equation = "tau² u'' + 2 damping tau u' + u = command"
     source = _LJUNG
@@ -300,6 +302,7 @@ class Gain(InputKind):
     """The input acts more, or less, than it says."""
 
     name = "gain"
+    is_gain = True
     phrase = "a gain by which {port} acts more, or less, than it says"
     equation = "(1 + error) u"
     source = _LJUNG

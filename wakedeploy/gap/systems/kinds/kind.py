@@ -89,6 +89,8 @@ class Kind:
     """A kind of effect. `equation` is for a person, `source` says where it is from.
 
     `phrase` says what a system lacks that lacks it, of `{port}` and, of a coupling, of `{other}`.
+    `simpler` are kinds that it is the same as with more to it; `is_friction_law` says that it is a
+    finer law of what the simpler one is, and nothing else.
     """
 
     name: ClassVar[str]
@@ -97,6 +99,10 @@ class Kind:
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     own_states: ClassVar[int] = 0
+    simpler: ClassVar[tuple[str, ...]] = ()
+    is_friction_law: ClassVar[bool] = False
+    is_delay: ClassVar[bool] = False
+    is_gain: ClassVar[bool] = False
     # Of a port: "position", "height", "inertia", "angle", "moving" where its state is the speed of
     # its position, "level" where it is not. Of the logs: "turning" is a sign that changes, "still"
     # one that does or that comes near 0, "cut above" and "cut below" that several readings are the

@@ -72,15 +72,20 @@ class Effect:
         return tuple((p.name, f"{self.name}.{p.name}") for p in self.kind.parameters)
 
 
+def kinds_of(effect: str) -> list[Kind]:
+    """The kinds, one for each role, that an effect's name says; [] for one of the user's own."""
+    kind_name = effect.partition("@")[0].partition("-from-")[0]
+    return [k for kinds in KINDS_BY_ROLE.values() for k in kinds if k.name == kind_name]
+
+
 def plain(name: str) -> str:
     """An effect in words before its name: ``dry friction that acts on v (`coulomb-friction@v`)``.
 
     Of an effect that no kind here makes, as a user's own, the name alone.
     """
     kind_name, _, port = name.partition("@")
-    kind_name, _, other = kind_name.partition("-from-")
-    phrases = {kind.name: kind.phrase for kinds in KINDS_BY_ROLE.values() for kind in kinds}
-    phrase = phrases.get(kind_name, "") if port else ""
+    other = kind_name.partition("-from-")[2]
+    phrase = kinds_of(name)[-1].phrase if port and kinds_of(name) else ""
     return with_name(phrase.format(port=port, other=other), name)
 
 

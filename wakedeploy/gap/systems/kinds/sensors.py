@@ -58,6 +58,7 @@ class SensorGain(OutputKind):
     """The sensor shows more, or less."""
 
     name = "sensor-gain"
+    is_gain = True
     phrase = "a scale error of the sensor of {port}"
     equation = "(1 + error) y"
     source = _SENSORS
@@ -214,6 +215,7 @@ class SensorDeadTime(OutputKind):
     """The sensor shows what was; to first order in the delay, as Padé has it."""
 
     name = "sensor-dead-time"
+    is_delay = True
     phrase = "a delay of the sensor of {port}"
     equation = "y(t − delay)"
     source = "Baker and Graves-Morris, Padé Approximants, 1996"

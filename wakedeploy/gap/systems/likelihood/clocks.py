@@ -44,15 +44,13 @@ def late_by_a_row(model: "LogModel", found: Fit) -> list[str]:
     """
     if not model.system.direct_outputs:
         return []
-    late_s = {n: found.value(f"{n}.delay_s") for n in found.hypothesis if _is_delay(n)}
+    late_s = {
+        n: found.value(f"{n}.delay_s") for n in found.hypothesis if model.library[n].kind.is_delay
+    }
     for name in late_s:  # an input's clock is within a sample, and free beside its delay
         clock = f"clock.{model.library[name].port.name}"
         late_s[name] += found.value(clock) if clock in found.names else 0.0
     return [n for n, s in late_s.items() if abs(s / model.dt_s - 1.0) < _ONE_ROW]
-
-
-def _is_delay(name: str) -> bool:
-    return name.partition("@")[0] in ("dead-time", "sensor-dead-time")
 
 
 def _late_by(model: "LogModel", base: Fit, place: int) -> int:

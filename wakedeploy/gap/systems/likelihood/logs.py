@@ -18,7 +18,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Score
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Leftover
-from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
 from wakedeploy.gap.systems.kinds.library import Effect, offered, ports_alike
 from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of
@@ -44,7 +44,7 @@ _BETTER, _MUCH_BETTER = 1.0, 6.0
 _USUAL_PUSH, _SHORTEST_PUSH, _LONGEST_PUSH = 15, 2, 300  # samples that a push on a rate lasts
 
 
-class LogModel:
+class LogModel(ComparisonDefaults):
     """A system, its logs, and the effects that it may lack.
 
     `channels` are the outputs with their units; an episode is a block of a log.
@@ -218,6 +218,15 @@ class LogModel:
     def ports_alike(self, name: str) -> list[str]:
         """The same kind at other ports of the same role and unit: at the other wheel's motor."""
         return ports_alike(self.library, name)
+
+    def simpler_effects(self, name: str) -> tuple[str, ...]:
+        """Effects at the same port that this one is with more to it, offered or not."""
+        effect = self.library[name]
+        return tuple(f"{kind}@{effect.port.name}" for kind in effect.kind.simpler)
+
+    def is_friction_law(self, name: str) -> bool:
+        """Whether an effect is a finer law of the friction that a simpler one is."""
+        return self.library[name].kind.is_friction_law
 
     def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
         """What still acts and is explained by nothing; () far ahead."""

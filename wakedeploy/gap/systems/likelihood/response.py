@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Score
-from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
 
 Values = Mapping[str, float]
 
@@ -27,7 +27,7 @@ _NO_NOISE = -40.0  # logarithm of a standard deviation that is nothing
 _OUTLIER_SPREAD = 6.0  # their standard deviation over that of the others
 
 
-class ResponseModel(abc.ABC):
+class ResponseModel(ComparisonDefaults, abc.ABC):
     """A domain: `records`, the `effects` by name, and the response that a hypothesis predicts.
 
     `channels` are names and units; each has noise parameters of its own, started from

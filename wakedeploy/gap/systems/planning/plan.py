@@ -18,7 +18,8 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.ascent import slopes_at
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
-from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.progress import StepsDone, uncounted
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU, Excitation
 from wakedeploy.gap.systems.planning.imagined import imagined
@@ -27,8 +28,7 @@ from wakedeploy.gap.systems.planning.responses import Responses, lost_nats
 Pair = tuple[str, ...]  # of a class; of a single effect its name alone
 Losses = Mapping[Pair, float]
 
-MARGIN_NATS = 5.9  # of which more than 3 are left four times in five
-_NOTHING = 1e-3 * MARGIN_NATS  # in one log: a thousand of them would not tell enough
+_NOTHING = 1e-3 * RULES.margin_nats  # in one log: a thousand of them would not tell enough
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the limits, the largest that the outputs allow
 _BEYOND = 0.25  # of their range, by which outputs may leave what the logs have seen
 _MULTIPLES = 2.0 ** np.linspace(-4.0, 2.0, 13)  # of a rival's size
@@ -54,7 +54,7 @@ class Option:
     @property
     def logs(self) -> int | None:
         """How many such logs tell enough, with margin; None where none do."""
-        return math.ceil(MARGIN_NATS / self.nats) if self.nats > _NOTHING else None
+        return math.ceil(RULES.margin_nats / self.nats) if self.nats > _NOTHING else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def plan(
     base: Fit,
     names: Sequence[str],
     sizes: Mapping[str, Sequence[float]] | None = None,
-    steps: Steps = uncounted,
+    steps: StepsDone = uncounted,
 ) -> Plan:
     """Judge every input of the menu; `sizes` are the effects' parameters where they are known.
 

@@ -96,7 +96,7 @@ class Planned(Artefact):
 
 
 def planned(made: Plan, domain: str, key: str = "") -> Planned:
-    """A plan as it is kept and told."""
+    """A plan as the artefact that a folder keeps."""
     best, richest = made.best, max((option.nats for option in made.options), default=0.0)
     return Planned(
         domain=domain,

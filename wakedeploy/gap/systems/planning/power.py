@@ -1,8 +1,7 @@
 """How large an effect must be to be named on logs like these.
 
 In: a `LogModel` and its base fit. Out: for every effect the sizes from which it is detected, from
-which it is named alone, and from which forecasts get better by it. A gain of L nats scatters by
-√(2 L) between logs (Kay, Fundamentals of Statistical Signal Processing II, 1998, ch. 6).
+which it is named alone, and from which forecasts get better by it.
 """
 
 import math
@@ -13,13 +12,11 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended
-from wakedeploy.gap.progress import Steps, uncounted
-from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.progress import StepsDone, uncounted
+from wakedeploy.gap.rules import RULES, surely_nats
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.responses import GRID, Responses, lost_nats
 
-SURE = 0.8  # of the logs
-_SURE_SD = 0.8416  # quantile of a Gaussian at SURE
 _DRAWS = 1600
 _TINY = 1e-12
 
@@ -55,7 +52,7 @@ class Power:
 
 
 def power(
-    model: LogModel, base: Fit, names: Sequence[str] | None = None, steps: Steps = uncounted
+    model: LogModel, base: Fit, names: Sequence[str] | None = None, steps: StepsDone = uncounted
 ) -> Power:
     """What logs of this length and motion can tell of each effect; all effects unless named.
 
@@ -110,20 +107,14 @@ def _of(
     rivals = [n for n in curves if n != name]
     losses = np.array([[lost_nats(row, curves[n]) for n in rivals] for row in rows])
     gains = 0.5 * (rows**2).sum(1)
-    detected = _crossing(sizes, gains, _surely(threshold + len(free)))
+    detected = _crossing(sizes, gains, surely_nats(threshold + len(free)))
     closest = losses.min(1) if rivals else np.full(len(rows), math.inf)
-    named = _crossing(sizes, closest, _surely(RULES.class_nats))
+    named = _crossing(sizes, closest, surely_nats(RULES.class_nats))
     at = int(np.searchsorted(sizes, named if math.isfinite(named) else sizes[-1]))
     rival = rivals[int(losses[min(at, len(rows) - 1)].argmin())] if rivals else ""
     matters = sizes[0] * _mattering(responses, name, first)
     parameter = free[0].name.removeprefix(f"{name}.")
     return EffectPower(name, parameter, free[0].unit, detected, named, rival, matters)
-
-
-def _surely(wanted: float) -> float:
-    """The nats L of which L − z √(2 L) are still as many as wanted."""
-    half = _SURE_SD / math.sqrt(2.0)
-    return (half + math.sqrt(half**2 + wanted)) ** 2
 
 
 def _crossing(sizes: FloatArray, nats: FloatArray, wanted: float) -> float:

@@ -10,14 +10,13 @@ from wakedeploy.gap.evidence.fits import Free, Score
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.evidence.separation import gain_nats, gather, loss_nats
-from wakedeploy.gap.rules import sealed_count
+from wakedeploy.gap.rules import RULES, sealed_count
 from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.findings import Ranked, Round, Size
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.manoeuvres import manoeuvre
 from wakedeploy.gap.systems.gantry.planning.plan import (
-    MARGIN_NATS,
     make_plan,
     plausible_size,
     stated_sizes,
@@ -219,4 +218,4 @@ def test_flying_the_plan_splits_a_class_that_random_flights_leave() -> None:
     assert unplanned[0][1] - unplanned[1][1] < 3.0
     planned = ranked_on(flights[: len(flights) - sealed_count(len(flights))], pair)
     assert planned[0][0] == "axial-inflow-loss"
-    assert planned[0][1] - planned[1][1] > MARGIN_NATS
+    assert planned[0][1] - planned[1][1] > RULES.margin_nats

@@ -29,11 +29,12 @@ from wakedeploy.gap.report.power_page import (
     sentences,
     write_page,
 )
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.plan import plausible_size
 from wakedeploy.gap.systems.gantry.planning.power import power, step_count
-from wakedeploy.gap.systems.gantry.planning.rates import SURE, Draws, fitted_share
+from wakedeploy.gap.systems.gantry.planning.rates import Draws, fitted_share
 from wakedeploy.gap.systems.gantry.planning.sensors import SENSORS, with_sensor
 from wakedeploy.gap.systems.gantry.planning.tracking import (
     RigForecast,
@@ -86,7 +87,7 @@ def test_strong_effects_are_named_and_look_alikes_are_left_in_a_class(told) -> N
     for group, name in zip(told.classes, told.as_json()["class_sensors"], strict=True):
         rows = [told.names.index(member) for member in group]
         able = {s.name: s.euros for k, s in enumerate(SENSORS)
-                if (told.named_with[rows, k + 1] >= SURE).all()}  # fmt: skip
+                if (told.named_with[rows, k + 1] >= RULES.sure_share).all()}  # fmt: skip
         assert name == min(able, key=able.__getitem__, default=None)
     for e in told.effects:
         assert e.detectable is not None

@@ -18,7 +18,7 @@ from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.systems.gantry.artefacts import Name, Show, Summary
 from wakedeploy.gap.systems.gantry.find_name_add_show import Case, show_gap
 from wakedeploy.gap.systems.gantry.findings import Effect, Retraining
-from wakedeploy.gap.systems.gantry.folder import Steps
+from wakedeploy.gap.systems.gantry.folder import StepArtefacts
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.before_after import show, wrong_effects
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base
@@ -87,7 +87,7 @@ def shown(answer: Answer, sealed: tuple, out: Path, scored: list) -> Show:
 
 def named(told: Show, effect: str) -> Summary:
     name = Name(verdict="named", effects=[Effect(name=effect)])
-    return Steps(name=name, show=told).summary
+    return StepArtefacts(name=name, show=told).summary
 
 
 def test_what_is_shown_stands_when_training_is_broken_off(answer, tmp_path) -> None:

@@ -9,7 +9,7 @@ from wakedeploy.gap.report.summary import account, verdict_sentence
 from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.effect_force import Cost, force_of, tracking_error
 from wakedeploy.gap.systems.gantry.findings import Effect
-from wakedeploy.gap.systems.gantry.folder import Steps
+from wakedeploy.gap.systems.gantry.folder import StepArtefacts
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.importance import Mattering, Removed, removed
 from wakedeploy.gap.systems.gantry.search.judgement import judged, parts_of, unexplained
@@ -68,7 +68,7 @@ def test_what_helps_and_counts_is_added() -> None:
     one = judged(NAMED, [("crosswind-offset",)], [worth(0.3, 0.5, 60.0)])
     assert one.verdict == "named"
     assert [e.name for e in one.to_add] == ["crosswind-offset"]
-    told = verdict_sentence(Steps(name=one).summary)
+    told = verdict_sentence(StepArtefacts(name=one).summary)
     assert told.startswith("Missing from the model: a steady draught")
     assert told.endswith("(`crosswind-offset`).")
 
@@ -77,7 +77,7 @@ def test_what_is_certain_and_small_keeps_its_name_and_is_not_added() -> None:
     one = judged(NAMED, [("crosswind-offset",)], [worth(0.019, 0.01, 25.0)])
     assert one.verdict == "named"
     assert one.to_add == []
-    told = account(Steps(name=one).summary)
+    told = account(StepArtefacts(name=one).summary)
     assert told.startswith("Nothing that matters is missing from the model. There, but too small")
     assert "(`crosswind-offset`), 1.9 %." in told
 
@@ -86,7 +86,7 @@ def test_what_makes_the_sealed_forecast_worse_is_withdrawn_with_a_sentence() -> 
     one = judged(NAMED, [("crosswind-offset",)], [worth(-0.08, -0.02, 1.0)])
     assert one.verdict == "none"
     assert one.effects == []
-    told = account(Steps(name=one).summary)
+    told = account(StepArtefacts(name=one).summary)
     assert told.startswith("Nothing that matters is missing from the model.")
     assert "Withdrawn: crosswind-offset" in told
     assert "−8.0 %" in told
@@ -121,7 +121,7 @@ def test_an_expression_that_does_not_matter_is_no_unknown() -> None:
     one = judged(unknown, [("wave",)], [worth(0.02, 0.01, 12.0)])
     assert one.verdict == "none"
     assert one.unknown is None
-    assert "0.01 N * sin(3.3*x_m)" in account(Steps(name=one).summary)
+    assert "0.01 N * sin(3.3*x_m)" in account(StepArtefacts(name=one).summary)
     kept = judged(unknown, [("wave",)], [worth(0.3, 0.2, 80.0)])
     assert kept.verdict == "unknown"
 
@@ -132,7 +132,7 @@ def test_a_class_stands_and_falls_with_its_best_member() -> None:
     small = judged(told, [("wake-width",)], [worth(0.01, 0.02, 1.0)])
     assert (small.verdict, small.rivals) == ("none", [])
     assert "does not matter, and is not added: wake-width or wake-spreading." in account(
-        Steps(name=small).summary
+        StepArtefacts(name=small).summary
     )
     gone = judged(told, [("wake-width",)], [worth(-0.1, 0.0, 0.0)])
     assert gone.verdict == "none"
@@ -143,7 +143,7 @@ def test_a_class_stands_and_falls_with_its_best_member() -> None:
 def test_a_disagreement_without_a_cause_is_unknown_only_if_a_cause_would_help(share, verdict):
     told = unexplained(Name(verdict="unknown"), Removed(share, share - 0.005, 1.0))
     assert told.verdict == verdict
-    assert "beyond noise" in account(Steps(name=told).summary)
+    assert "beyond noise" in account(StepArtefacts(name=told).summary)
 
 
 def test_the_force_of_an_effect_is_told_in_newtons() -> None:

@@ -20,7 +20,8 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.evidence.separation import Evidence, gather, loss_nats
-from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.progress import StepsDone, uncounted
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry import artefacts
 from wakedeploy.gap.systems.gantry.discrepancy import form_hooks
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
@@ -30,9 +31,6 @@ from wakedeploy.gap.systems.gantry.search.naming import fitted_base
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY, effect
 
-# A gain of L nats scatters by √(2 L) between data sets: this many are more than 3 four times in
-# five.
-MARGIN_NATS = 5.9
 MOST_FLIGHTS = 30
 RANDOM_S = 20.0
 _SEED = 7001
@@ -123,7 +121,7 @@ class Plan:
             seconds=math.nan if best is None else best.total_s,
             split_by=self.sensors,
             is_searched=True,
-            margin_nats=MARGIN_NATS,
+            margin_nats=RULES.margin_nats,
             options=[option.as_artefact for option in (*self.options, self.random)],
         )
 
@@ -134,7 +132,7 @@ def make_plan(
     *,
     sizes: Mapping[str, Sequence[float]] | None = None,
     manoeuvres: Sequence[Manoeuvre] | None = None,
-    progress: Steps = uncounted,
+    progress: StepsDone = uncounted,
 ) -> Plan:
     """Judge every manoeuvre of the menu for a class of two effects or more.
 
@@ -226,7 +224,7 @@ def _option(
 def _flights(evidence: Evidence) -> int | None:
     """How many flights until every pair differs by enough, with margin."""
     for count in range(1, MOST_FLIGHTS + 1):
-        if _pairs(loss_nats(evidence, copies=float(count))).min() >= MARGIN_NATS:
+        if _pairs(loss_nats(evidence, copies=float(count))).min() >= RULES.margin_nats:
             return count
     return None
 

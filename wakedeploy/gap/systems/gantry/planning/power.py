@@ -25,12 +25,11 @@ from wakedeploy.gap.evidence.separation import (
     lost_to_form,
 )
 from wakedeploy.gap.few_flights import in_words
-from wakedeploy.gap.rules import FEWEST_IN_ALL
+from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.planning.plan import MARGIN_NATS, plausible_size
+from wakedeploy.gap.systems.gantry.planning.plan import plausible_size
 from wakedeploy.gap.systems.gantry.planning.rates import (
-    SURE,
     Draws,
     fitted_share,
     flights_needed,
@@ -88,7 +87,7 @@ class EffectPower:
     @property
     def verdict(self) -> str:
         """In a word: named, class, or too small."""
-        if self.named >= SURE:
+        if self.named >= RULES.sure_share:
             return "named"
         return "class" if self.rivals else "too small"
 
@@ -121,7 +120,7 @@ class Power:
     @property
     def purchase(self) -> tuple[Sensor, tuple[str, ...]] | None:
         """The sensor that names the most further effects, the cheapest of equals, and which."""
-        without = self.named_with[:, 0] >= SURE
+        without = self.named_with[:, 0] >= RULES.sure_share
         gained = [
             tuple(
                 name
@@ -132,7 +131,7 @@ class Power:
                     self.named_with[:, 0],
                     strict=True,
                 )
-                if not was and share >= max(SURE, before + _CLEARLY)
+                if not was and share >= max(RULES.sure_share, before + _CLEARLY)
             )
             for k in range(len(SENSORS))
         ]
@@ -154,7 +153,11 @@ class Power:
         """The cheapest sensor with which every effect of a class is surely named; None without."""
         members = [self.names.index(name) for name in group]
         least = self.named_with[members].min(axis=0)[1:]
-        able = [sensor for sensor, share in zip(SENSORS, least, strict=True) if share >= SURE]
+        able = [
+            sensor
+            for sensor, share in zip(SENSORS, least, strict=True)
+            if share >= RULES.sure_share
+        ]
         return min(able, key=lambda sensor: sensor.euros, default=None)
 
     def as_json(self) -> dict[str, Any]:
@@ -166,8 +169,8 @@ class Power:
             "seconds": self.seconds,
             "threshold_nats": self.threshold_nats,
             "threshold_source": self.threshold_source,
-            "margin_nats": MARGIN_NATS,
-            "sure": SURE,
+            "margin_nats": RULES.margin_nats,
+            "sure": RULES.sure_share,
             "naming_rate": self.naming_rate,
             "tracking_mm": self.tracking_mm,
             "classes": [list(group) for group in self.classes],
@@ -265,9 +268,9 @@ class _Told:
         near = [
             rival
             for j, rival in enumerate(self._evidence.names)
-            if j != i and self.loss[i, j] < MARGIN_NATS
+            if j != i and self.loss[i, j] < RULES.margin_nats
         ]
-        is_seen = outcome.detected[0] >= SURE
+        is_seen = outcome.detected[0] >= RULES.sure_share
         return EffectPower(
             name=name,
             stage=effect.stage,
@@ -308,9 +311,9 @@ def _chosen(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
 
 def _cheapest(named_with: FloatArray) -> str | None:
     """The cheapest sensor with which an effect is named that is not named without."""
-    if named_with[0] >= SURE:
+    if named_with[0] >= RULES.sure_share:
         return None
-    enough = max(SURE, named_with[0] + _CLEARLY)
+    enough = max(RULES.sure_share, named_with[0] + _CLEARLY)
     able = [s for s, share in zip(SENSORS, named_with[1:], strict=True) if share >= enough]
     return min(able, key=lambda s: s.euros).name if able else None
 

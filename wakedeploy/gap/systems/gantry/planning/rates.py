@@ -14,7 +14,6 @@ from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.evidence.separation import Evidence, fitted_shares
 from wakedeploy.gap.rules import RULES, sealed_count
 
-SURE = 0.8  # of the data sets: what "can be detected" and "can be named" mean
 DRAWS = 400
 SMALLEST, LARGEST, SIZES = 0.03, 30.0, 31  # multiples of the size that was evaluated
 MOST_FLIGHTS = 512.0
@@ -122,12 +121,12 @@ def flights_needed(evidence: Evidence, name: str, threshold_nats: float) -> floa
 
 
 def _crossing(x: FloatArray, share: FloatArray) -> float:
-    """Where a share that rises with x reaches `SURE` for good, interpolated in log x."""
-    below = np.flatnonzero(share < SURE)
+    """Where a share that rises with x reaches `sure_share` for good, interpolated in log x."""
+    below = np.flatnonzero(share < RULES.sure_share)
     if not below.size:
         return float(x[0])
     last = int(below[-1])
     if last + 1 == len(x):
         return float("inf")
-    part = (SURE - share[last]) / (share[last + 1] - share[last])
+    part = (RULES.sure_share - share[last]) / (share[last + 1] - share[last])
     return float(np.exp(np.log(x[last]) + part * np.log(x[last + 1] / x[last])))

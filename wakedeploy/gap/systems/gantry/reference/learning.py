@@ -90,8 +90,8 @@ def learn(rig: Rig, flights: Sequence[Flight], progress: Progress = quiet) -> Re
     """
     if len(flights) <= RULES.fewest_flights:
         raise UnusableInput(
-            f"{len(flights)} reference flights: whether one differs from the others takes"
-            f" {RULES.fewest_flights + 1}; fly more."
+            f"{len(flights)} reference flights are too few to compare; fly at least"
+            f" {RULES.fewest_flights + 1}."
         )
     progress("letting each flight have thrust, battery and bias of its own")
     loose = rig.model_copy(update={"repeatability": LOOSE})

@@ -7,23 +7,23 @@ its bounds would have been found, or where it cannot be told.
 import math
 
 from wakedeploy.gap.evidence.separation import Explained, explained, information
+from wakedeploy.gap.rules import surely_nats
 from wakedeploy.gap.systems.gantry.findings import Detectable
 from wakedeploy.gap.systems.gantry.search.outcome import Answer
 from wakedeploy.physics.effects import LIBRARY
 
-_SURE_SD = 0.8416  # the normal quantile of four in five
 _AGREE = 2.0  # slope and size itself, in nats: farther apart, the effect is not linear
 
 
 def detectable(answer: Answer) -> dict[str, Detectable]:
     """For each effect the size of its first parameter that four data sets of five would show.
 
-    A gain of I nats on the average scatters by √(2 I). What an effect would gain follows from the
+    What an effect would gain follows from the
     slope of the innovations where it is not there. Where their change at the told size itself is
     another, as for a dead band, the size is not `known`.
     """
     least = answer.thresholds.effect_nats + 1.0  # leaving out costs a parameter one nat
-    nats = (_SURE_SD / 2.0**0.5 + math.sqrt(0.5 * _SURE_SD**2 + least)) ** 2
+    nats = surely_nats(least)
     sizes, beside = {}, explained(answer.fit)
     for name in LIBRARY:
         if name in answer.fit.hypothesis or name in {e.name for e in answer.model.rig.effect}:

@@ -166,7 +166,7 @@ class _Judge:
         return _Errors({h: _blocks(shown, h) for h in BLOCKS_S}, density)
 
     def without(self, rest: tuple[str, ...]) -> _Errors:
-        """Under what is left of the fit without a part, refitted."""
+        """Errors under the other parts of the fit, refitted."""
         if not rest:
             return self.base
         return self.errors(*reduced(self._found.model, self._found.fit, rest))

@@ -17,7 +17,7 @@ from wakedeploy.gap.evidence.inference import fit, held_out
 from wakedeploy.gap.evidence.ranking import LEDGE_NATS, Candidate, candidate, rank_fairly
 from wakedeploy.gap.evidence.starts import Scans, scanned_starts
 from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
-from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
+from wakedeploy.gap.progress import Progress, StepsDone, quiet, uncounted
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
@@ -150,7 +150,7 @@ def ranked_by_own_motion(
     base: Fit,
     names: Sequence[str],
     threshold_nats: float,
-    steps: Steps = uncounted,
+    steps: StepsDone = uncounted,
 ) -> tuple[GantryModel, Fit, list[Candidate]]:
     """The effects on top of a base, best first, the contenders each around its own motion.
 
