@@ -3,6 +3,7 @@
 The package lies outside the tree and is found by its entry points alone.
 """
 
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -134,6 +135,46 @@ DOMAIN = Simulated(
 )
 '''
 
+GAP_DOMAIN_FILE = '''
+"""A pail whose level follows a pump; what the baseline lacks is a leak."""
+
+import numpy as np
+
+from wakedeploy.gap.evidence.fits import Free
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.systems.domains.domain import GapDomain
+from wakedeploy.gap.systems.likelihood.response import ResponseModel
+
+
+class PailModel(ResponseModel):
+    name = "pail"
+    channels = (("level_m", "m"),)
+    noise_start = ((0.01, 0.1, 0.01),)
+    noise_is_white = True
+    effects = {
+        "leak": (Free("leak.rate", "m/s", 0.0, 0.05, -1.0, 1.0, 0.01, (0.02, -0.02)),),
+        "surge": (Free("surge.size", "m", 0.0, 0.05, -1.0, 1.0, 0.01, (0.02, -0.02)),),
+    }
+
+    def __init__(self):
+        draw = np.random.default_rng(5)
+        self.time_s = np.arange(60) / 20.0
+        self.pump = draw.normal(size=(8, 60)).cumsum(1) / 20.0
+        self.surge = np.sin(draw.uniform(2.0, 5.0, (8, 1)) * self.time_s)
+        self.records = [
+            Record(f"day {i}", self.time_s, self.response({"leak.rate": 0.04}, i)
+                   + 0.01 * draw.normal(size=(1, 60)))
+            for i in range(8)
+        ]
+
+    def response(self, values, episode):
+        level = self.pump[episode] - values.get("leak.rate", 0.0) * self.time_s
+        return (level + values.get("surge.size", 0.0) * self.surge[episode])[None]
+
+
+GAP_DOMAIN = GapDomain(lambda path: PailModel(), lambda model, progress: {}, is_simulated=True)
+'''
+
 ENTRY_POINTS = """
 [wakedeploy.architectures]
 leaky-mean = wake_extras.ninth:ARCHITECTURE
@@ -141,6 +182,8 @@ leaky-mean = wake_extras.ninth:ARCHITECTURE
 wake-extras = wake_extras.effect:EFFECTS
 [wakedeploy.domains]
 tank = wake_extras.tank:DOMAIN
+[wakedeploy.gap_domains]
+pail = wake_extras.pail:GAP_DOMAIN
 """
 
 
@@ -168,6 +211,7 @@ def extras(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         "ninth": NINTH,
         "effect": EFFECT,
         "tank": DOMAIN_FILE,
+        "pail": GAP_DOMAIN_FILE,
     }.items():
         (package / f"{name}.py").write_text(text.lstrip())
     install(site, "wake-extras", ENTRY_POINTS)
@@ -264,6 +308,17 @@ def test_a_new_domain_is_made_swept_and_trained_on(tmp_path: Path) -> None:
     done = wakedeploy("train", "--data", tmp_path / "set", "--arch", "agile-mlp", "--epochs", 1,
                       "--out", tmp_path / "runs", "--no-pictures")  # fmt: skip
     assert done.exit_code == 0, done.output
+
+
+def test_what_a_new_domain_lacks_is_named(tmp_path: Path) -> None:
+    done = wakedeploy("gap", "domain", "pail", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "pail: named: leak" in done.output
+    answer = json.loads((tmp_path / "domain.json").read_text())
+    size = answer["parameters"]["leak.rate"]
+    assert size["low"] < 0.04 < size["high"]
+    refused = wakedeploy("gap", "domain", "pale", "--out", tmp_path)
+    assert "did you mean pail?" in refused.output
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from linear_model import Linear
 
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.search import needed_gain
+from wakedeploy.gap.search.artefacts import Round
 from wakedeploy.gap.search.needed_gain import Chance, is_shared, needed_nats
+from wakedeploy.gap.search.outcome import Named
+from wakedeploy.gap.search.withdrawal import still_needed
 
 QUIET = 4.0  # nats that chance brings without the loud moments
 CHANCE = Chance(26.0, QUIET)
@@ -61,3 +67,15 @@ def test_gains_of_noise_are_seldom_steady():
         for _ in range(250)
     )
     assert alarms <= 8
+
+
+@pytest.mark.parametrize(("quiet_nats", "kept"), [(0.5, ("a", "c")), (1000.0, ("c",))])
+def test_what_is_steady_stays_beside_what_was_found_after_it(monkeypatch, quiet_nats, kept):
+    """Loud moments would ask a thousand nats of it; without them chance brings little."""
+    monkeypatch.setattr(needed_gain, "_FEWEST", 5)
+    model = Linear({"gain": 0.4, "a": 0.5, "c": 0.6})
+    episodes = range(model.episodes)
+    found = fit(model, ("a", "c"), episodes)
+    searched = Round(given=[], threshold_nats=1000.0, steady_nats=quiet_nats, ranking=[])
+    outcome = Named(model, fit(model, (), episodes), found, [searched])
+    assert still_needed(model, outcome).found.hypothesis == kept

@@ -9,7 +9,7 @@ from tests.gap.report.test_system_page import result
 from wakedeploy.gap.systems.answers.next_commands import next_commands
 from wakedeploy.gap.systems.answers.words import next_step, sentences
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 PAGE = "docs/how-to/unknown.md"
 LAW = {"coordinate": "yaw_rad", "by_direction": False, "removes": 0.5, "low": 0.32, "high": 0.69}
 

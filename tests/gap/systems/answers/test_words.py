@@ -3,7 +3,7 @@
 import pytest
 
 from tests.gap.report.test_system_page import result
-from wakedeploy.gap.systems.answers.words import sentences
+from wakedeploy.gap.systems.answers.words import first_screen, sentences
 
 LAG = "lag@steer_rad"
 SHARE = {"share": 0.5, "low": 0.41, "high": 0.59}
@@ -122,9 +122,17 @@ MOVED = {
 }
 
 
-def ranked(gains: dict[str, float], given: list[str]) -> dict[str, object]:
+def ranked(
+    gains: dict[str, float], given: list[str], needed_nats: float = 5.0
+) -> dict[str, object]:
     ranking = [
-        {"name": n, "gain_nats": g, "needed_nats": 5.0, "interval": [g, g], "parameters": {}}
+        {
+            "name": n,
+            "gain_nats": g,
+            "needed_nats": needed_nats,
+            "interval": [g, g],
+            "parameters": {},
+        }
         for n, g in gains.items()
     ]
     return {"given": given, "threshold_nats": 5.0, "steady_nats": 5.0, "ranking": ranking}
@@ -149,6 +157,17 @@ def test_a_gain_that_stands_unnamed_beside_it_may_be_what_moved_it() -> None:
     )
     quiet = [ranked({"sensor-gain@gyro": 0.4}, [])]
     assert "Or it stands" not in sentences(result(**MOVED, rounds=quiet))[0]
+
+
+@pytest.mark.parametrize(("needed_nats", "clear"), [(2.0, True), (5.0, False)])
+def test_an_unknown_is_clear_where_an_effect_gains_what_it_has_to(
+    needed_nats: float, clear: bool
+) -> None:
+    """Three nats are less than chance brings, and enough of an effect that gains steadily."""
+    rounds = [ranked({"lag@steer": 3.0}, [], needed_nats)]
+    screen = " ".join(first_screen(result(verdict="unknown", effects=[], rounds=rounds)))
+    assert ("finds something this clear" in screen) == clear
+    assert ("more than the sensors' noise" in screen) != clear
 
 
 def test_constants_as_fitted_stand_in_the_details() -> None:
