@@ -29,6 +29,7 @@ from wakedeploy.gap.search.rivalry import Verdict
 from wakedeploy.gap.search.size_bounds import is_steady
 from wakedeploy.gap.search.weighing import Weight, is_outdone, share_of_gap, weight_of, without
 from wakedeploy.gap.systems.answers.words import sentences
+from wakedeploy.gap.systems.kinds.library import not_offered
 from wakedeploy.gap.systems.likelihood import leftover
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.physics.kalman import bumped
@@ -75,6 +76,16 @@ def rubbing():
     return slid(3.0)
 
 
+def test_what_a_port_leaves_out_is_what_would_make_sense_there():
+    class Narrow(Slider):
+        ports: ClassVar = [Port.force("speed_mps", kinds=["coulomb-friction", "offset"])]
+
+    left_out = not_offered(Narrow(), "speed_mps", {})
+    assert {"viscous-friction", "quadratic-drag"} <= set(left_out)
+    assert not {"coulomb-friction", "offset", "stiffness"} & set(left_out)  # no position is there
+    assert not_offered(Slider(), "speed_mps", {}) == []
+
+
 def test_a_law_is_asked_for_where_hardly_a_push_is_left():
     """Constants and noise have taken the friction in; its law still makes forecasts better."""
     model = slid(1.0)
@@ -97,6 +108,7 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     law = left.law  # over the speed or its direction, as friction is
     assert law.by_direction or law.coordinate == "speed_mps"
     assert law.low > 0.5
+    assert (left.has_port, left.not_offered) == (False, [])
     lines = sentences(answer_of(told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]

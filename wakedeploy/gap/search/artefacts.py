@@ -169,7 +169,8 @@ class Leftover(Part):
     """A push on a state's rate that nothing explains: its sd, and its share of the usual rate.
 
     `law` is the most evident function of one coordinate that it follows, `matters` whether the
-    push shows that something unknown is missing.
+    push shows that something unknown is missing. `not_offered` are kinds of effect that could act
+    there, and that the system's port leaves out; without a port (`has_port`) none can.
     """
 
     state: str
@@ -180,6 +181,8 @@ class Leftover(Part):
     against: Followed | None = None
     law: Law | None = None
     matters: bool
+    not_offered: list[str] = []
+    has_port: bool = True
 
 
 class Map(Part):

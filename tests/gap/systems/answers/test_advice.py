@@ -32,6 +32,24 @@ def test_a_law_over_a_coordinate_is_a_term_to_write() -> None:
     )
 
 
+@pytest.mark.parametrize("verdict", ["unknown", "named"])
+def test_kinds_that_a_port_leaves_out_are_offered_first_where_a_law_says_nearly_all(
+    verdict,
+) -> None:
+    most = LAW | {"coordinate": "speed_mps", "removes": 0.99, "low": 0.98}
+    left = push(law=most, not_offered=["quadratic-drag", "hysteresis"])
+    step = next_step(result(verdict=verdict, unexplained=[left]))
+    assert step.startswith(
+        "Let the search try more: what is left on speed_mps follows a law over speed_mps, and the "
+        "port of speed_mps leaves out quadratic-drag and hysteresis. Add them to its kinds, and "
+        "ask again."
+    )
+    portless = next_step(result(verdict=verdict, unexplained=[push(law=most, has_port=False)]))
+    assert 'speed_mps has no port. Add Port.force("speed_mps", …), and ask again.' in portless
+    for other in (push(law=most), push(law=LAW, not_offered=["quadratic-drag"]), push()):
+        assert "Let the search" not in next_step(result(verdict=verdict, unexplained=[other]))
+
+
 def test_a_push_without_a_law_is_something_to_log() -> None:
     no_use = LAW | {"removes": -0.1}
     for pushes in ([push()], [push(law=no_use)]):

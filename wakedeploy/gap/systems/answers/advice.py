@@ -1,9 +1,11 @@
-"""What to do about an answer that has no name: the most useful step, and where all of them stand.
+"""What to do where an answer explains too little: the most useful step, and where all stand.
 
-In: a `Result` whose verdict is unknown. Out: sentences.
+In: a `Result`. Out: sentences.
 """
 
-from wakedeploy.gap.search.artefacts import Leftover, Result
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.artefacts import Law, Leftover, Result
+from wakedeploy.gap.wording import listed
 
 _PAGE = "docs/how-to/unknown.md#of-a-system-of-your-own"
 _ALL = (
@@ -17,9 +19,33 @@ def unknown_step(result: Result) -> str:
     return f"{_first(result)} {_ALL}"
 
 
+def kinds_to_offer(result: Result) -> str:
+    """Which port to add or to offer more kinds at, where a law says most of the rest; else "".
+
+    People take kinds out of a port that they hold to be impossible. Where a law over a coordinate
+    removes most of the error that is left, one of these may be it.
+    """
+    lawful = [
+        push for push in result.unexplained if push.law and (push.not_offered or not push.has_port)
+    ]
+    best = max(lawful, key=_removes, default=None)
+    if best is None or best.law is None or best.law.low < RULES.surely_share:
+        return ""
+    lacks = f"the port of {best.state} leaves out {listed(best.not_offered)}. Add them to its kinds"
+    if not best.has_port:
+        lacks = f'{best.state} has no port. Add Port.force("{best.state}", …)'
+    return (
+        f"Let the search try more: what is left on {best.state} follows a law over "
+        f"{_over(best.law)}, and {lacks}, and ask again."
+    )
+
+
 def _first(result: Result) -> str:
     if result.rivals:
         return "Record an input that tells these apart, if there is one."
+    offer = kinds_to_offer(result)
+    if offer:
+        return offer
     lawful = [push for push in result.unexplained if push.law and push.law.removes > 0.0]
     if lawful:
         return _term(max(lawful, key=_removes))
@@ -38,12 +64,14 @@ def _first(result: Result) -> str:
 def _term(push: Leftover) -> str:
     """What to write into the equations."""
     assert push.law is not None
-    law = push.law
-    over = f"{law.coordinate} and the direction of motion" if law.by_direction else law.coordinate
     return (
-        f"Write the term that is missing: what acts on {push.state} follows {over}, which the rate "
-        f"of {push.state} in your equations does not have, or not so."
+        f"Write the term that is missing: what acts on {push.state} follows {_over(push.law)}, "
+        f"which the rate of {push.state} in your equations does not have, or not so."
     )
+
+
+def _over(law: Law) -> str:
+    return f"{law.coordinate} and the direction of motion" if law.by_direction else law.coordinate
 
 
 def _removes(push: Leftover) -> float:

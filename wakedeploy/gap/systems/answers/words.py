@@ -18,7 +18,7 @@ from wakedeploy.gap.search.artefacts import (
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
-from wakedeploy.gap.systems.answers.advice import unknown_step
+from wakedeploy.gap.systems.answers.advice import kinds_to_offer, unknown_step
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words
 from wakedeploy.gap.systems.answers.importance import (
     by_output,
@@ -167,7 +167,7 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
     if result.verdict == "class":
         return _open_class(result, planned)
     if result.effects and result.verdict == "named":
-        return (
+        return kinds_to_offer(result) or (
             "Replay a log that took no part with the correction, then use the corrected system. In "
             f"the command below that log is called {FURTHER_LOG}."
         )

@@ -132,6 +132,17 @@ def _kinds(system: System, port: Port, sizes: Mapping[str, float]) -> tuple[Kind
     )
 
 
+def not_offered(system: System, state: str, sizes: Mapping[str, float]) -> list[str]:
+    """Kinds of force that make sense on a state, and that its ports leave out by their `kinds`."""
+    ports = [p for p in system.ports if p.role == "force" and p.name == state and p.kinds]
+    return [
+        kind.name
+        for port in ports
+        for kind in KINDS_BY_ROLE["force"]
+        if kind.name not in port.kinds and _makes_sense(system, port, kind, sizes)
+    ]
+
+
 def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, float]) -> bool:
     """Whether the port has what a kind needs, and the logs what makes it differ from another."""
     turns = sizes.get(f"turns {port.name}", 1.0) > 0.0

@@ -23,7 +23,7 @@ from wakedeploy.gap.search.residual_profiles import ranges
 from wakedeploy.gap.search.scan import chance_nats
 from wakedeploy.gap.search.weighing import unfitted, weight_of
 from wakedeploy.gap.systems.kinds.kind import Scales
-from wakedeploy.gap.systems.kinds.library import Effect, custom_kind
+from wakedeploy.gap.systems.kinds.library import Effect, custom_kind, not_offered
 from wakedeploy.gap.systems.system import Port
 
 if TYPE_CHECKING:
@@ -49,7 +49,16 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
         share = sd / model.sizes[f"d {name}"]
         unit = f"{model.system.states[name]}/s"
         lasts_s = float(np.exp(fitted.value(f"lasting.{name}")))
-        push = Leftover(state=name, sd=sd, unit=unit, lasts_s=lasts_s, share=share, matters=True)
+        push = Leftover(
+            state=name,
+            sd=sd,
+            unit=unit,
+            lasts_s=lasts_s,
+            share=share,
+            matters=True,
+            not_offered=not_offered(model.system, name, model.sizes),
+            has_port=any(p.role == "force" and p.name == name for p in model.system.ports),
+        )
         if share > LITTLE and fitted.standard_error(f"push.{name}") < _SURE:
             large.append(push.model_copy(update={"against": _followed(model, fitted, k)}))
         elif not fitted.hypothesis:

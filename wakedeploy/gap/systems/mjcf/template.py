@@ -29,7 +29,7 @@ from wakedeploy import Constant, Input, MjcfSystem, Output, Port
 COMMAND = ["dead-time", "lag", "rate-limit", "backlash", "dead-band", "saturation", "gain", "bias"]
 JOINT = [
     "viscous-friction", "coulomb-friction", "stribeck-friction", "pre-sliding-friction",
-    "added-inertia", "stiffness", "gravity", "offset", "periodic-force",
+    "quadratic-drag", "added-inertia", "stiffness", "gravity", "offset", "periodic-force",
 ]
 SENSOR = ["sensor-gain", "sensor-bias", "sensor-lag", "sensor-dead-time"]
 
