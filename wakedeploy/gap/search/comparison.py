@@ -142,8 +142,11 @@ class Comparison(Model, Protocol):
         """What still acts and is explained by nothing."""
         ...
 
-    def late_inputs(self, base: Fit) -> dict[str, float]:
-        """Inputs that come later than the outputs that they drive, and by how much [s]."""
+    def late_inputs(self, base: Fit, found: Fit) -> dict[str, float]:
+        """Inputs that come later than the outputs that they drive, and by how much [s].
+
+        Not those whose outputs only seem to lead as long as what was found is missing.
+        """
         ...
 
     def late_by_a_row(self, found: Fit) -> list[str]:
@@ -197,7 +200,7 @@ class ComparisonDefaults:
         """What acts beside the effects is noise."""
         return ()
 
-    def late_inputs(self, base: Fit) -> dict[str, float]:
+    def late_inputs(self, base: Fit, found: Fit) -> dict[str, float]:
         """Inputs have no clock of their own."""
         return {}
 

@@ -7,6 +7,7 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.answers.words import late_words
 from wakedeploy.gap.systems.likelihood.clocks import late_inputs
@@ -83,6 +84,50 @@ def _late(column, samples):
 def test_an_input_that_comes_after_what_it_drives_is_late(late, told):
     made = model(**late)
     assert late_inputs(made, fitted_base(made)) == pytest.approx(told)
+
+
+class Pod(System):
+    """A thruster pod on a slide, whose drag in water nobody has written."""
+
+    rate_hz = RATE_HZ
+    inputs: ClassVar = [Input("thrust_n", "N")]
+    states: ClassVar = {"heave_m": "m", "heave_mps": "m/s"}
+    outputs: ClassVar = [Output("heave_m", "m", noise=2e-3)]
+    constants: ClassVar = [Constant("mass_kg", 5.3, spread=0.2), Constant("drag", 2.0, 0.6)]
+    ports: ClassVar = [Port.force("heave_mps", inertia="mass_kg", kinds=["quadratic-drag"])]
+
+    def derivative(self, state, inputs, c):
+        force = inputs.thrust_n - c.drag * state.heave_mps
+        return {"heave_m": state.heave_mps, "heave_mps": force / c.mass_kg}
+
+
+def pod(late, samples=600, fine=10):
+    """It in water: a controller of its place follows slow waves of several periods."""
+    rng = np.random.default_rng(2)
+    time_s = np.arange(samples) / RATE_HZ
+    waves = [(f, rng.uniform(0.0, 2.0 * np.pi)) for f in (0.12, 0.29, 0.43, 0.64)]
+    wanted = sum(11.0 * np.sin(2.0 * np.pi * f * time_s + phase) for f, phase in waves)
+    place, speed, shown, thrust = 0.0, 0.0, np.zeros(samples), np.zeros(samples)
+    for k in range(samples):
+        shown[k] = place + 2e-3 * rng.standard_normal()
+        thrust[k] = wanted[k] - 25.0 * shown[k]
+        for _ in range(fine):
+            force = thrust[k] - 2.0 * speed - 18.0 * speed * abs(speed)
+            speed += force / 5.3 / RATE_HZ / fine
+            place += speed / RATE_HZ / fine
+    columns = {"thrust_n": _late(thrust, late), "heave_m": shown}
+    return LogModel(Pod(), [Recording("water", time_s, columns)])
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("late", [0, 6])
+def test_outputs_that_lead_only_as_drag_is_missing_are_no_late_input(late):
+    made = pod(late)
+    base = fitted_base(made)
+    assert late_inputs(made, base)  # without drag, what moves seems to come too early
+    drag = settled(made, fit(made, ("quadratic-drag@heave_mps",), base.episodes))[0]
+    told = late_inputs(made, base, drag)
+    assert told == ({"thrust_n": pytest.approx(late / RATE_HZ)} if late else {})
 
 
 def test_the_sentence_says_which_column_to_shift_and_by_how_much():

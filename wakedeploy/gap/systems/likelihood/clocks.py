@@ -27,11 +27,19 @@ _EARLIER, _LATER = 1, -1
 _ONE_ROW = 0.2  # of a sample, by which a delay of one may miss it
 
 
-def late_inputs(model: "LogModel", base: Fit) -> dict[str, float]:
-    """Inputs by name, and how late each is [s]; those that are on time are not there."""
+def late_inputs(model: "LogModel", base: Fit, found: Fit | None = None) -> dict[str, float]:
+    """Inputs by name, and how late each is [s]; those that are on time are not there.
+
+    Where something is missing, as drag, outputs may lead what the base expects. If effects `found`
+    explain more than an earlier input does, inputs are asked beside these.
+    """
     late = {}
     for i, stated in enumerate(model.system.inputs):
         samples = _late_by(model, base, i)
+        if samples and found is not None and found.hypothesis:
+            earlier = _refitted(model, base, i, samples)
+            if found.objective > earlier + _EVIDENT_NATS:
+                samples = _late_by(model, found, i)
         if samples:
             late[stated.name] = samples * model.dt_s
     return late
@@ -99,7 +107,7 @@ def _likely(model: "LogModel", base: Fit, place: int, way: int) -> list[int]:
     An error shows at the sample after, so that the shifts before those are likely, too.
     """
     found = np.zeros(_MOST)
-    scores = model.scores((), base.theta[None], base.episodes)[0]
+    scores = model.scores(base.hypothesis, base.theta[None], base.episodes)[0]
     for episode, score in zip(base.episodes, scores, strict=True):
         block = model.blocks[episode]
         errors = score.white.reshape(len(model.channels), -1)
@@ -113,11 +121,12 @@ def _likely(model: "LogModel", base: Fit, place: int, way: int) -> list[int]:
 
 
 def _refitted(model: "LogModel", base: Fit, place: int, samples: int) -> float:
-    return fit(_moved(model, place, samples), (), base.episodes, base.theta).objective
+    moved = _moved(model, place, samples)
+    return fit(moved, base.hypothesis, base.episodes, base.theta).objective
 
 
 def _nats(model: "LogModel", base: Fit) -> float:
-    scores = model.scores((), base.theta[None], base.episodes)[0]
+    scores = model.scores(base.hypothesis, base.theta[None], base.episodes)[0]
     return float(sum(score.log_density.sum() for score in scores))
 
 

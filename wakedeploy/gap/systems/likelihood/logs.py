@@ -232,9 +232,9 @@ class LogModel(ComparisonDefaults):
         """What still acts and is explained by nothing; () far ahead."""
         return leftovers(self, fitted) if self.is_pushed else ()
 
-    def late_inputs(self, base: Fit) -> dict[str, float]:
+    def late_inputs(self, base: Fit, found: Fit) -> dict[str, float]:
         """Inputs that come later than the outputs that they drive, and by how much [s]."""
-        return late_inputs(self, base)
+        return late_inputs(self, base, found)
 
     def late_by_a_row(self, found: Fit) -> list[str]:
         """Delays of one sample, of a system that shows an input directly."""
