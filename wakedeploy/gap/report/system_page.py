@@ -29,6 +29,7 @@ from wakedeploy.gap.search.artefacts import (
     SingleSteps,
     Trace,
 )
+from wakedeploy.gap.systems.answers.advice import rest_words
 from wakedeploy.gap.systems.answers.calibration import constant_rows
 from wakedeploy.gap.systems.answers.importance import removed_words
 from wakedeploy.gap.systems.answers.reader_units import as_read
@@ -151,8 +152,9 @@ def _verdict(result: Result) -> str:
     rivals = result.rivals
     several = listed([plain(name) for name in rivals], "or")
     too_many = f"The baseline lacks one of these: {several}. They are too many to call it a class."
+    named = listed([plain(effect.name) for effect in result.effects])
     return {
-        "named": f"The baseline lacks {listed([plain(e.name) for e in result.effects])}.",
+        "named": f"The baseline lacks {named}.{rest_words(result)}",
         "class": f"The baseline lacks {lacking_of_class(result)}. These cannot be told apart.",
         "unknown": too_many if rivals else "The baseline lacks what no single effect explains.",
         "none": "Nothing is missing from the baseline beyond noise.",

@@ -7,7 +7,7 @@ import pytest
 
 from tests.gap.report.test_system_page import result
 from wakedeploy.gap.systems.answers.next_commands import next_commands
-from wakedeploy.gap.systems.answers.words import next_step, sentences
+from wakedeploy.gap.systems.answers.words import first_screen, next_step, sentences
 
 ROOT = Path(__file__).resolve().parents[4]
 PAGE = "docs/how-to/unknown.md"
@@ -30,6 +30,19 @@ def test_a_law_over_a_coordinate_is_a_term_to_write() -> None:
         "Write the term that is missing: what acts on speed_mps follows yaw_rad, which the rate of "
         "speed_mps in your equations does not have, or not so."
     )
+
+
+def test_a_name_that_leaves_a_law_is_not_all_of_it() -> None:
+    """A drag that no port offered was named as friction and a limit that is not there."""
+    most = LAW | {"coordinate": "speed_mps", "removes": 0.99, "low": 0.98}
+    first = first_screen(result(unexplained=[push(law=most)]))
+    assert first[0].endswith(
+        "That is not all of it, or not its form: a law over speed_mps on speed_mps removes 99 % of "
+        "the squared forecast error that is left."
+    )
+    assert first[-1].startswith("What next? Write the term that is missing: what acts on speed_mps")
+    for other in ([], [push()], [push(law=LAW)]):
+        assert "not its form" not in first_screen(result(unexplained=other))[0]
 
 
 @pytest.mark.parametrize("verdict", ["unknown", "named"])

@@ -4,7 +4,8 @@ In: a `Result`. Out: sentences.
 """
 
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Law, Leftover, Result
+from wakedeploy.gap.search.artefacts import Answer, Law, Leftover, Result
+from wakedeploy.gap.systems.answers.importance import whole_percent
 from wakedeploy.gap.wording import listed
 
 _PAGE = "docs/how-to/unknown.md#of-a-system-of-your-own"
@@ -17,6 +18,33 @@ _ALL = (
 def unknown_step(result: Result) -> str:
     """What to do first, by what is known of the unknown, and where the rest stands."""
     return f"{_first(result)} {_ALL}"
+
+
+def rest_words(answer: Answer) -> str:
+    """That what was named is not all, or not of the right form, where a law says most of the rest.
+
+    Names then stand for what comes nearest to it, and may be wrong.
+    """
+    rest = _mostly_lawful(answer)
+    if rest is None or rest.law is None:
+        return ""
+    removes = whole_percent(rest.law.removes)
+    return (
+        f" That is not all of it, or not its form: a law over {_over(rest.law)} on {rest.state} "
+        f"removes {removes} of the squared forecast error that is left."
+    )
+
+
+def more_than_named(result: Result) -> str:
+    """What to do where a law says most of what names leave; "" where none does."""
+    rest = _mostly_lawful(result)
+    return "" if rest is None else kinds_to_offer(result) or _term(rest)
+
+
+def _mostly_lawful(answer: Answer) -> Leftover | None:
+    """What is left of which a law surely removes most of the error."""
+    lawful = [p for p in answer.unexplained if p.law and p.law.low > RULES.surely_share]
+    return max(lawful, key=_removes, default=None)
 
 
 def kinds_to_offer(result: Result) -> str:

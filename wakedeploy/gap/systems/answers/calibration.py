@@ -24,7 +24,8 @@ def moved_words(answer: Answer) -> list[str]:
     or_a_gain = f" {instead} {listed(gains, 'or')}." if gains else ""
     return [
         f"Doubt what follows: to fit, the search moved {listed(each)} of the spreads that the "
-        f"system states. A unit may be wrong, there or of a column.{or_a_gain}"
+        f"system states. A unit may be wrong, there or of a column, or there is a load that the "
+        f"system does not have.{or_a_gain}"
     ]
 
 

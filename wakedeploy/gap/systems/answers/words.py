@@ -18,7 +18,7 @@ from wakedeploy.gap.search.artefacts import (
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
-from wakedeploy.gap.systems.answers.advice import kinds_to_offer, unknown_step
+from wakedeploy.gap.systems.answers.advice import more_than_named, rest_words, unknown_step
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words
 from wakedeploy.gap.systems.answers.importance import (
     by_output,
@@ -110,7 +110,8 @@ def _lacking(answer: Answer) -> str:
     if answer.verdict == "class":
         return f"The system lacks {lacking_of_class(answer)}. The logs cannot say which."
     if answer.verdict == "named":
-        return f"The system lacks {listed([plain(e.name) for e in answer.effects])}."
+        named = listed([plain(e.name) for e in answer.effects])
+        return f"The system lacks {named}.{rest_words(answer)}"
     if answer.verdict == "none":
         if answer.moved:
             return "With that, nothing else that matters is missing from the system."
@@ -167,7 +168,7 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
     if result.verdict == "class":
         return _open_class(result, planned)
     if result.effects and result.verdict == "named":
-        return kinds_to_offer(result) or (
+        return more_than_named(result) or (
             "Replay a log that took no part with the correction, then use the corrected system. In "
             f"the command below that log is called {FURTHER_LOG}."
         )

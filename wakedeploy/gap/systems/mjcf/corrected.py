@@ -2,7 +2,8 @@
 
 In: an MJCF file and what `gap name` found in a system of it. Out: `corrected.xml`, with effects and
 constants as the logs have them, and `ranges.toml` with the value and the interval of each. Where
-nothing is named both are absent: constants alone are fitted to the logs' noise, too.
+nothing is named, or nothing that MJCF has an attribute for, both are absent: constants alone are
+fitted to the logs' noise, too, or to what is missing.
 """
 
 import math
@@ -41,13 +42,18 @@ def write_corrected(
     verdict, effects and constants with `value`, `low`, `high` and `unit`.
     """
     if answer["verdict"] in ("none", "unknown"):
-        return [_left_alone(elements, answer, out)]
+        why = {"none": "nothing that matters is missing", "unknown": "what is missing is unknown"}
+        return [_left_alone(elements, why[answer["verdict"]], out)]
     written = fitted(elements, constants, answer)
+    if not written.has_effects:
+        absent = [f"  {sentence}." for sentence in written.absent]
+        return [_left_alone(elements, "MJCF has no attribute for what was found", out), *absent]
     write_text_whole(out / CORRECTED, _corrected(written, out))
     rows = [one.row() for one in written.ranges.values()]
     write_text_whole(out / RANGES, tomli_w.dumps({"version": 1, "range": rows}))
     lines = [f"MJCF: {out / CORRECTED}, and what to randomise: {out / RANGES}"]
-    return lines + [f"  {sentence}" for sentence in written.said]
+    absent = [f"{sentence}; {CORRECTED} is without it." for sentence in written.absent]
+    return lines + [f"  {sentence}" for sentence in (*written.said, *absent)]
 
 
 def fitted(elements: Elements, constants: Mapping[str, Constant], answer: Told) -> Fitted:
@@ -60,16 +66,11 @@ def fitted(elements: Elements, constants: Mapping[str, Constant], answer: Told) 
     return written
 
 
-def _left_alone(elements: Elements, answer: Told, out: Path) -> str:
+def _left_alone(elements: Elements, why: str, out: Path) -> str:
     """Neither file, nor those of an earlier answer, which would pass for this one's."""
     earlier = [out / name for name in (CORRECTED, RANGES) if (out / name).exists()]
     for path in earlier:
         path.unlink()
-    why = (
-        "nothing that matters is missing"
-        if answer["verdict"] == "none"
-        else "what is missing is unknown"
-    )
     gone = "; those of an earlier answer are removed" if earlier else ""
     return (
         f"MJCF: {elements.path.name} stays as it is, as {why}: no {CORRECTED} and no {RANGES} with "
@@ -148,7 +149,8 @@ def _write_lag(spec: Any, model: Any, one: Range) -> None:
     import mujoco
 
     actuator = spec.actuator(one.name)
-    actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+    if actuator.dyntype == mujoco.mjtDyn.mjDYN_NONE:
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
     actuator.dynprm[0] = one.nominal
 
 
@@ -172,7 +174,7 @@ _WRITERS: dict[str, Callable[[Any, Any, Range], None]] = {
     "kp": _write_kp,
     "kv": _write_kv,
     "delay": _write_delay,
-    "lag": _write_lag,
+    "dynprm[0]": _write_lag,
     "mass": _write_mass,
     "biasprm[0]": _write_bias,
 }

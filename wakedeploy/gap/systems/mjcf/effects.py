@@ -31,6 +31,10 @@ _SPRINGS = {
 def add_effect(written: Fitted, effect: Found) -> None:
     """Write an effect down, with a sentence where it has no attribute, or another than its own."""
     said = _added(written, effect)
+    if isinstance(said, NoAttribute):
+        written.absent.append(said)
+        return
+    written.has_effects = True
     written.said += [said] if said else []
 
 
@@ -80,9 +84,13 @@ def _cut(written: Fitted, actuator: Actuator, low: Range, high: Range) -> None:
     written.follow("actuator", actuator.name, "ctrlrange", *within)
 
 
-def _without(effect: Found, reason: str = "") -> str:
+class NoAttribute(str):
+    """Says that MJCF has no attribute for an effect, and why."""
+
+
+def _without(effect: Found, reason: str = "") -> NoAttribute:
     because = f", as {reason}" if reason else ""
-    return f"MJCF has no attribute for {effect.name}{because}; {CORRECTED} is without it."
+    return NoAttribute(f"MJCF has no attribute for {effect.name}{because}")
 
 
 def _resist(written: Fitted, joint: Joint, effect: Found) -> str:
@@ -215,7 +223,8 @@ def _delay(written: Fitted, actuator: Actuator, effect: Found) -> str:
 def _lag(written: Fitted, actuator: Actuator, effect: Found) -> str:
     if actuator.act >= 0:
         return _without(effect, f"actuator {actuator.name!r} has a state of its own already")
-    written.add(as_is("actuator", actuator.name, "lag", 0.0, "s"), effect.parameters["tau_s"])
+    start = as_is("actuator", actuator.name, "dynprm[0]", 0.0, "s")
+    written.add(start, effect.parameters["tau_s"])
     return ""
 
 

@@ -10,7 +10,7 @@ import importlib
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -113,7 +113,7 @@ class Elements:
     joints: tuple[Joint, ...]
     actuators: tuple[Actuator, ...]
     attributes: dict[str, Attribute]
-    sensed: frozenset[str]  # states that sensors show
+    sensed: Mapping[str, float]  # the noise that sensors state of the states that they show
     coupled: tuple[tuple[str, ...], ...]  # joints that an equality holds to each other, or alone
 
 
@@ -426,19 +426,19 @@ def _set_mass(i: int, model: Any, value: float) -> None:
     model.body_mass[i] = value
 
 
-def _sensed(library: Any, model: Any, joints: tuple[Joint, ...]) -> frozenset[str]:
-    """The states that sensors of joints show."""
-    shown = set()
+def _sensed(library: Any, model: Any, joints: tuple[Joint, ...]) -> dict[str, float]:
+    """The states that sensors of joints show, and the noise that each states; 0 for none."""
+    shown = {}
     for i in range(model.nsensor):
         for joint in joints:
             if int(model.sensor_objid[i]) != model.joint(joint.name).id:
                 continue
             kind = int(model.sensor_type[i])
             if kind == int(library.mjtSensor.mjSENS_JOINTPOS):
-                shown.add(joint.position)
+                shown[joint.position] = float(model.sensor_noise[i])
             elif kind == int(library.mjtSensor.mjSENS_JOINTVEL):
-                shown.add(joint.speed)
-    return frozenset(shown)
+                shown[joint.speed] = float(model.sensor_noise[i])
+    return shown
 
 
 def _coupled(library: Any, model: Any) -> tuple[tuple[str, ...], ...]:

@@ -101,6 +101,8 @@ class Fitted:
     ranges: dict[Key, Range] = field(default_factory=dict)
     following: dict[Key, Following] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
+    absent: list[str] = field(default_factory=list)  # of effects that MJCF has no attribute for
+    has_effects: bool = False
     commands: dict[str, tuple[Range, Range]] = field(default_factory=dict)  # factor and sum of each
     cut: dict[str, tuple[Range, Range]] = field(default_factory=dict)  # lower and upper limit
 

@@ -67,7 +67,7 @@ def mjcf_template(model: Path, target: Path) -> str:
     sections = {
         "INPUTS": [f'Input("{a.command}", "{_unit(a, elements)}"),' for a in elements.actuators],
         "STATES": [f'"{name}": "{unit}",' for name, unit in _states(elements)],
-        "OUTPUTS": [f'Output("{n}", "{u}", noise={_noise(n):g}),' for n, u in shown],
+        "OUTPUTS": [f'Output("{n}", "{u}", noise={_noise(n, elements):g}),' for n, u in shown],
         "CONSTANTS": [
             *(_constant(name, attribute) for name, attribute in elements.attributes.items()),
             *(_inertia(j) for j in elements.joints),
@@ -130,8 +130,9 @@ def _state_unit(actuator: Actuator, elements: Elements) -> str:
     return _unit(actuator, elements) if actuator.filters else "1"
 
 
-def _noise(name: str) -> float:
-    return next(sd for end, sd in _NOISE.items() if name.endswith(end))
+def _noise(name: str, elements: Elements) -> float:
+    """As its sensor states it, else roughly what such sensors have."""
+    return elements.sensed.get(name) or next(sd for end, sd in _NOISE.items() if name.endswith(end))
 
 
 def _constant(name: str, attribute: Attribute) -> str:
