@@ -108,7 +108,7 @@ def test_a_sound_system_passes():
         ),
         (
             {"constants": [Constant("mass_kg", 50.0, spread=200.0)], "ports": []},
-            r"spread of 200, 4 times.*derivative gives no number where it is 0\..*spread=5 for 10",
+            r"spread of 200, 4 times.*derivative gives no number where it is 0\..*spread=5 is 10",
         ),
         (
             {

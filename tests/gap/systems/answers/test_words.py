@@ -142,8 +142,8 @@ def test_a_constant_that_moved_is_told_from_where_to_where() -> None:
     doubt = sentences(result(**MOVED))[0]
     assert doubt.startswith(
         "Doubt what follows: to fit, the search moved wheelbase_m (from 0.325 m to 0.3019 m) by 5 "
-        "of the spreads that the system states. A unit may be wrong, there or of a column, or there "
-        "is a load that the system does not have."
+        "of the spreads that the system states. A unit may be wrong, there or of a column, or "
+        "there is a load that the system does not have."
     )
 
 
