@@ -144,9 +144,16 @@ def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
         head += ["", "[csv]", *(f"{key} = {toml(value)}" for key, value in stated.items())]
     taken: set[str] = set()
     entries = [line for file in files for line in _entries(file, timing, taken)]
-    if not entries:
-        raise UnusableInput(f"{path}: holds no column of numbers; give another file.")
+    if not any(line.startswith("[columns.") for line in entries):
+        raise _without_numbers(path, files)
     return "\n".join([*head, *entries]) + "\n"
+
+
+def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
+    unread = next((field for file in files for field in file.log.fields() if field.unread), None)
+    if unread is None:
+        return UnusableInput(f"{path}: holds no column of numbers; give another file.")
+    return UnusableInput(f"{path}: holds no column of numbers: {unread.name} {unread.unread}.")
 
 
 def _differs(one: Timing, other: Timing) -> bool:
@@ -210,6 +217,9 @@ def _not_listed(file: _File, same: Mapping[str, float]) -> Iterator[str]:
     if stamped is not None:
         address = toml(stamped.removesuffix(".sec"))
         yield f"\n# Not listed: stamps of headers; time = {address} takes that in its topic."
+    for field in file.log.fields():
+        if field.unread:
+            yield f"\n# Not listed: {plain_line(field.name)} {field.unread}."
     if same:
         told = ", ".join(f"{plain_line(name)} {value:.4g}" for name, value in same.items())
         yield "\n# Not listed, as they never change:"
