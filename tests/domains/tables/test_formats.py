@@ -219,6 +219,29 @@ def test_matlab_7_3_is_read_by_its_hdf5(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "stated"),
+    [
+        ("t;u\n0,0;1,5\n0,1;2,5\n0,2;-3\n", 'delimiter = ";"'),
+        ("t\tu\n0\t1,5\n0,1\t2,5\n0,2\t-3\n", 'delimiter = "\\t"'),
+        ("t u\n0,0 1,5\n1e-1 2,5\n,2 -3\n", 'delimiter = " "'),
+        ('"t","u"\n"0,0","1,5"\n"0,1","2,5"\n"0,2","-3"\n', 'delimiter = ","'),
+        ("% a;b\nt;u\n0,0;1,5\n% no\n0,1;2,5\n0,2;-3\n", 'delimiter = ";"'),
+        ("t;u\n0.0;1.5\n0.1;2.5\n0.2;-3\n", ""),
+        ("t;n;u\n0.0;1,2;1.5\n0.1;3,4;2.5\n0.2;5,6;-3\n", ""),  # where a point is the decimals'
+    ],
+)
+def test_a_guess_reads_decimal_commas(text: str, stated: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text, "utf-8")
+    guessed = guess_columns(path)
+    assert ('decimal = ","' in guessed) == bool(stated)
+    assert stated in guessed
+    (one,) = read(path, guessed.replace('"unused"', '"output"'))
+    assert one.columns["u"].tolist() == [1.5, 2.5, -3.0]
+    assert one.rate_hz == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
     ("text", "csv"),
     [
         ("t;u\n0,0;1,5\n0,1;2,5\n0,2;-3\n", 'decimal = ","'),

@@ -141,7 +141,9 @@ def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
         head += ["", "[split]", f"gap_s = {gap_s:g}  # ? longer silences are in this log"]
     if form != Delimited():
         stated = form.model_dump(exclude_defaults=True)
-        head += ["", "[csv]", *(f"{key} = {toml(value)}" for key, value in stated.items())]
+        head += ["", "[csv]", *(f"{k} = {toml(v)}".replace("\t", r"\t") for k, v in stated.items())]
+        if form.decimal == ",":
+            head[-1] += "  # ? 1,5 is read as one and a half"
     taken: set[str] = set()
     entries = [line for file in files for line in _entries(file, timing, taken)]
     if not any(line.startswith("[columns.") for line in entries):
