@@ -96,6 +96,38 @@ def test_files_with_clocks_of_their_own_are_brought_to_the_rate_of_what_is_measu
     assert "[resample]" not in guess_columns(folder)  # one clock
 
 
+def test_files_of_one_layout_are_recordings_of_one_kind(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    t = np.arange(100) / 50
+    for k in range(24):
+        table(folder / f"run_{k:02}.csv", t=t, q=np.full(100, k), cmd=np.sin(t + k))
+    guessed = guess_columns(folder)
+    assert guessed.count("[columns.") == 2
+    assert "# All 24 files have these columns" in guessed
+    assert "runs/*.csv" in guessed
+    assert "\nfile = " not in guessed
+    roles = guessed.replace('"unused"', '"output"')
+    read_back = read_recordings(sorted(folder.iterdir()), parse_columns(roles)).recordings
+    assert [one.columns["q"][0] for one in read_back] == list(range(24))
+    with pytest.raises(UnusableInput, match="or give files"):
+        read(folder, roles)
+
+
+def test_files_of_two_layouts_are_listed_once_for_each(tmp_path: Path) -> None:
+    folder, t = tmp_path / "runs", np.arange(100) / 50
+    folder.mkdir()
+    for k in range(3):
+        table(folder / f"cmd_{k}.csv", t=t, cmd=np.sin(t))
+        table(folder / f"state_{k}.csv", t=t, q=np.cos(t))
+    guessed = guess_columns(folder)
+    assert guessed.count("[columns.") == 2
+    assert guessed.count("\nfile = ") == 2
+    assert "# cmd_0.csv has the columns of 2 more, which are not listed:\n#   cmd_1.csv" in guessed
+    (one,) = read(folder, guessed)
+    assert np.array_equal(one.columns["q"], np.round(np.cos(t), 6))
+
+
 def test_topics_are_brought_to_the_rate_of_the_fastest_that_is_measured(tmp_path: Path) -> None:
     import json
 

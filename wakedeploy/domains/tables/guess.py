@@ -35,6 +35,7 @@ from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log, 
 from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
+_Named = tuple[str, Log]  # a file's name in its folder, "" for one that is alone, and the file
 
 _SHORT_RUN = 2.0  # rows with a number; longer runs are of one clock, with samples that are lost
 _MANY_ROWS, _MOST = 5000, 0.9  # that are looked at; a share that is nearly all
@@ -82,7 +83,8 @@ class _File:
 def guess_columns(path: Path | str) -> str:
     """The text of a first `columns.toml` for a log or a folder of logs.
 
-    Raises UnusableInput for a file that cannot be read, or that holds no numbers.
+    Files of a folder that have the same columns are recordings of one kind: each column is listed
+    once. Raises UnusableInput for a file that cannot be read, or that holds no numbers.
     """
     path = Path(path)
     if is_log(path):
@@ -98,7 +100,36 @@ def guess_columns(path: Path | str) -> str:
             continue
     if not logs:
         raise UnusableInput(f"{path}: contains no log in a known format; give one log file.")
-    return _text(path, logs, form)
+    kinds = _by_layout(logs)
+    if len(kinds) == 1 and len(logs) > 1:
+        return _text(path, [("", logs[0][1])], form, _of_one_kind(path, logs))
+    said = [line for kind in kinds if len(kind) > 1 for line in _on_likes(kind)]
+    return _text(path, [kind[0] for kind in kinds], form, said)
+
+
+def _by_layout(logs: Sequence[_Named]) -> list[list[_Named]]:
+    """The logs of a folder in groups that have the same columns."""
+    groups: dict[frozenset[str], list[_Named]] = {}
+    for name, log in logs:
+        groups.setdefault(frozenset(field.name for field in log.fields()), []).append((name, log))
+    return list(groups.values())
+
+
+def _of_one_kind(path: Path, logs: Sequence[_Named]) -> Sequence[str]:
+    named = f"{plain_line(path.name)}/*{plain_line(''.join(Path(logs[0][0]).suffixes))}"
+    return [
+        f"# All {len(logs)} files have these columns. They are taken as recordings of one kind: give",
+        f"# the files, as in {named}, and not the folder. If they are parts of one recording,",
+        '# say in each column in which of them it stands, as in file = "left.csv".',
+    ]
+
+
+def _on_likes(kind: Sequence[_Named]) -> Iterator[str]:
+    (first, _), *others = kind
+    yield f"# {plain_line(first)} has the columns of {len(others)} more, which are not listed:"
+    names = ", ".join(plain_line(name) for name, _ in others)
+    yield textwrap.indent(textwrap.fill(names, 94, break_on_hyphens=False), "#   ")
+    yield "# Each recording is a folder of its own, in which files have the same names."
 
 
 def _form_of(files: Sequence[Path]) -> Delimited:
@@ -114,7 +145,7 @@ def _form_of(files: Sequence[Path]) -> Delimited:
     return plain
 
 
-def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
+def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[str] = ()) -> str:
     files = [_seen(name, log) for name, log in logs]
     first = next((file for file in files if file.fields), files[0])
     timing, resampling = first.timing, tuple[str, ...]()
@@ -131,6 +162,7 @@ def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
         f"# What the columns of {path.name} mean, as far as it can be seen. Lines with a question",
         "# mark are guesses. Give the columns that you need a role: input, output, observation or",
         '# force, or several as in ["input", "observation"]. All others are left out.',
+        *said,
         "version = 1",
         "",
         "[time]",
