@@ -356,3 +356,11 @@ def test_bursts_come_at_the_rate_of_bursts_and_wild_stamps_at_their_median() -> 
     with_holes = np.concatenate([np.arange(500) / 50 + 1e4 * k * k for k in range(4)])
     assert usual_hz(with_holes) == 50.0
     assert usual_hz(np.concatenate([np.arange(500) / 50 for _ in range(4)])) == 50.0
+
+
+def test_a_speed_that_its_name_says_in_other_units_is_guessed(tmp_path: Path) -> None:
+    t = np.arange(100) / 50
+    guessed = guess_columns(table(tmp_path / "log.csv", t=t, wind_kts=t, car_kmh=t, motor_kt=t))
+    assert 'column = "wind_kts"\nrole = "unused"\nunit = "knots"' in guessed
+    assert 'column = "car_kmh"\nrole = "unused"\nunit = "kmh"' in guessed
+    assert 'column = "motor_kt"\nrole = "unused"\nunit = "1"' in guessed  # a motor's constant

@@ -46,6 +46,7 @@ _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"_nm$", "N m"), (r"_rad$", "rad"), (r"_deg$", "deg"), (r"_rpm$|^rpm$", "rpm"),
     (r"(^|_)(volt|voltage|volts|vbat)", "V"), (r"(^|_)(amps|ampere|current)(_a)?$", "A"),
     (r"_mv$", "mV"), (r"_ma$", "mA"), (r"_cm$", "cm"), (r"_m$", "m"), (r"_mm$", "mm"),
+    (r"_kmh$", "kmh"), (r"_(kts|knots)$", "knots"),
     (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
     (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
@@ -118,9 +119,9 @@ def _by_layout(logs: Sequence[_Named]) -> list[list[_Named]]:
 def _of_one_kind(path: Path, logs: Sequence[_Named]) -> Sequence[str]:
     named = f"{plain_line(path.name)}/*{plain_line(''.join(Path(logs[0][0]).suffixes))}"
     return [
-        f"# All {len(logs)} files have these columns. They are taken as recordings of one kind: give",
-        f"# the files, as in {named}, and not the folder. If they are parts of one recording,",
-        '# say in each column in which of them it stands, as in file = "left.csv".',
+        f"# All {len(logs)} files have these columns. They are taken as recordings of one kind:",
+        f"# give the files, as in {named}, and not the folder. If they are parts of one",
+        '# recording, say in each column in which of them it stands, as in file = "left.csv".',
     ]
 
 
