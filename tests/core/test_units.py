@@ -3,12 +3,15 @@
 import math
 import re
 import tomllib
+from itertools import product
 from pathlib import Path
 
 import pytest
 
+from wakedeploy.core import units
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import (
+    contradicted,
     conversion,
     converted,
     is_known,
@@ -46,6 +49,9 @@ from wakedeploy.rig.file import default_rig, default_rig_text, parse_rig, read_r
         ("mNm", "N m", 1e-3), ("Nmm", "N m", 1e-3), ("psi", "Pa", 6894.757293168361),
         ("knots", "km/h", 1.852), ("M/S", "m/s", 1), ("KM/H", "km/h", 1),
         ("l/min", "m^3/s", 1e-3 / 60), ("Volts", "V", 1), ("mH", "V s/A", 1e-3), ("uF", "F", 1e-6),
+        *((knot, "m/s", 1852 / 3600) for knot in ("kt", "KT", "kts", "Kts", "KTS", "knot")),
+        ("kOhm", "ohm", 1e3), ("uT", "T", 1e-6), ("MM", "m", 1e-3), ("KHz", "Hz", 1e3),
+        ("Kg", "kg", 1), ("mSec", "s", 1e-3),
         ("kΩ", "ohm", 1e3), ("N/(m/s)²", "N s²/m²", 1), ("N/(m/s)^2", "N s²/m²", 1),
     ],
 )  # fmt: skip
@@ -67,12 +73,57 @@ def test_a_unit_of_the_same_dimension_has_a_factor(given: str, wanted: str, fact
         ("H", "s", "another dimension"), ("M", "m", "not known"), ("mS", "s", "another dimension"),
         ("MHZ", "Hz", "not known"), ("NM", "m", "not known"), ("kn", "N", "not known"),
         ("10", "1", "not known"), ("m^x", "m", "not known"), ("?", "m", "not known"),
+        ("kn", "m/s", "'kn' is not known: kN or knots may be meant; give which"),
+        ("Kn", "m/s", "kN or knots"), ("KN", "N", "kN or knots"), ("kn/m", "N/m", "not known"),
+        ("mpa", "Pa", "'mpa' is not known: MPa or mPa may be meant; give which"),
+        ("mhz", "Hz", "MHz or mHz"), ("kv", "V", "'kv' is not known: kV may be meant; give that"),
+        ("kT", "T", "not known"), ("t", "T", "T may be meant"), ("NS", "s", "Ns or ns"),
     ],
 )  # fmt: skip
 def test_another_dimension_or_an_unknown_unit_is_refused(given: str, wanted: str, why: str) -> None:
     with pytest.raises(ValueError, match="give ") as told:
         conversion(given, wanted)
     assert why in str(told.value)
+
+
+SI_OF = {  # of each symbol that is understood in other cases, too
+    "m": ("m", 1), "cm": ("m", 1e-2), "dm": ("m", 1e-1), "km": ("m", 1e3), "mm": ("m", 1e-3),
+    "um": ("m", 1e-6), "g": ("kg", 1e-3), "kg": ("kg", 1), "s": ("s", 1), "us": ("s", 1e-6),
+    "n": ("N", 1), "nm": ("N m", 1), "mn": ("N", 1e-3), "mnm": ("N m", 1e-3),
+    "knm": ("N m", 1e3), "nmm": ("N m", 1e-3), "gf": ("N", 9.80665e-3), "kgf": ("N", 9.80665),
+    "hz": ("Hz", 1), "khz": ("Hz", 1e3), "v": ("V", 1), "mv": ("V", 1e-3), "uv": ("V", 1e-6),
+    "a": ("A", 1), "ma": ("A", 1e-3), "ua": ("A", 1e-6), "w": ("W", 1), "mw": ("W", 1e-3),
+    "kw": ("W", 1e3), "j": ("J", 1), "kj": ("J", 1e3), "pa": ("Pa", 1), "kpa": ("Pa", 1e3),
+    "ut": ("T", 1e-6), "ohm": ("ohm", 1), "kohm": ("ohm", 1e3), "rad": ("rad", 1),
+    "deg": ("rad", math.pi / 180), "rev": ("rad", 2 * math.pi), "rpm": ("rad/s", math.pi / 30),
+    "rps": ("rad/s", 2 * math.pi), "dps": ("rad/s", math.pi / 180), "bar": ("Pa", 1e5),
+    "mbar": ("Pa", 100), "psi": ("Pa", 6894.757293168361), "min": ("s", 60), "h": ("s", 3600),
+    "in": ("m", 0.0254), "ft": ("m", 0.3048), "lb": ("kg", 0.45359237), "step": ("steps", 1),
+    "oz": ("kg", 0.028349523125), "lbf": ("N", 4.4482216152605), "steps": ("steps", 1),
+    "mps": ("m/s", 1), "mps2": ("m/s^2", 1), "m2ps": ("m^2/s", 1), "kmh": ("m/s", 1 / 3.6),
+    "l": ("m^3", 1e-3), "kt": ("m/s", 1852 / 3600), "knots": ("m/s", 1852 / 3600),
+    "counts": ("1", 1),
+}  # fmt: skip
+
+
+def test_a_symbol_in_other_cases_is_what_it_is_listed_as_or_is_refused() -> None:
+    """Every spelling of every symbol, in whatever capitals: no case makes another unit of it."""
+    names = [name for name in units._SYMBOLS if name.isascii() and name.isalnum()]
+    words = {word: unit for unit, words in units._SPOKEN.items() for word in words.split()}
+    for spelling in sorted({way for name in names for way in _in_all_cases(name)} - {*names}):
+        beside, folded = (
+            f"{spelling}/1",
+            spelling.lower(),
+        )  # no electrical symbol, which stands alone
+        if is_known(beside):
+            wanted, size = (words[folded], 1) if folded in words else SI_OF[folded]
+            assert float(conversion(beside, wanted)) == pytest.approx(size, rel=1e-15), spelling
+            alike = {n for n in names if n.lower() == folded and not same_unit(n, beside)}
+            assert not alike or spelling in {"MM", "ma", "mn", "mnm", "mv", "mw"}, spelling
+
+
+def _in_all_cases(name: str) -> set[str]:
+    return {"".join(way) for way in product(*({c.lower(), c.upper()} for c in name))}
 
 
 def test_every_unit_that_the_manual_lists_is_known() -> None:
@@ -99,6 +150,23 @@ def test_a_name_s_end_says_its_unit(name: str, unit: str | None) -> None:
     assert unit_at_end(name) == unit
     if unit is not None:
         assert conversion(unit, unit) == 1  # one that is understood
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "named"),
+    [
+        ("dx_cm", "m", "cm"), ("dx_cm", "cm", None), ("way_km", "m", "km"), ("v_kmh", "m/s", "kmh"),
+        ("wind_kt", "m/s", "knots"), ("wind_kts", "m/s", "knots"), ("wind_knots", "kt", None),
+        ("wind_kn", "m/s", "knots"), ("push_kn", "N", "kN"), ("push_kn", "kN", None),
+        ("p_mbar", "Pa", "mbar"), ("p_bar", "Pa", "bar"), ("p_kpa", "bar", "kPa"),
+        ("x_bar", "m", None), ("motor_kt", "N m/A", None), ("motor_km", "N m/A", None),  # no units
+        ("rel_vx_mps", "T", "m/s"), ("encoder_mm", "V", "mm"), ("yaw_deg", "V", "deg"),
+        ("encoder_m", "V", None), ("x_s", "m", None), ("u_n", "V", None), ("vx_mps", "1", None),
+        ("yaw_rad", "1", None), ("speed_rpm", "Hz", "rpm"), ("mps", "T", None),
+    ],
+)  # fmt: skip
+def test_a_name_contradicts_another_unit(name: str, unit: str, named: str | None) -> None:
+    assert contradicted(name, unit) == named
 
 
 def test_conversion_rounds_once() -> None:

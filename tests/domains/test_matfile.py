@@ -1,5 +1,6 @@
 """MATLAB files are read as SciPy reads them, and damaged ones are refused, never a crash."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 from scipy.io import loadmat, savemat
 
-from wakedeploy.domains.matfile import read_mat
+from wakedeploy.domains import matfile
+from wakedeploy.domains.matfile import Unread, read_mat
 
 NUMBERS = st.sampled_from(["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4"]).flatmap(
     lambda kind: arrays_of.arrays(np.dtype(kind), arrays_of.array_shapes(max_dims=3, max_side=5))
@@ -28,16 +30,99 @@ def test_numbers_are_read_as_scipy_reads_them(
     read = read_mat(path)
     assert set(read) == {name for name in expected if not name.startswith("__")}
     for name, array in read.items():
-        assert array is not None
+        assert not isinstance(array, Unread)
         np.testing.assert_array_equal(array, expected[name].astype(float))
 
 
-def test_what_is_not_real_numbers_is_listed_as_none(tmp_path: Path) -> None:
-    variables = {"text": "angles", "cell": np.array([1, "a"], object), "struct": {"a": 1.0}}
-    savemat(tmp_path / "x.mat", variables | {"c": np.array([1j]), "n": np.arange(3.0)})
+def test_what_is_not_real_numbers_is_listed_with_what_it_is(tmp_path: Path) -> None:
+    variables = {"text": "angles", "cell": np.array([1, "a"], object), "c": np.array([1j])}
+    runs = np.array([(1.0, 2.0), (3.0, 4.0)], [("t", object), ("x", object)])
+    savemat(tmp_path / "x.mat", variables | {"runs": runs, "n": np.arange(3.0)})
     read = read_mat(tmp_path / "x.mat")
-    assert [name for name, array in read.items() if array is None] == [*variables, "c"]
-    assert read["n"] is not None
+    unread = {name: value for name, value in read.items() if isinstance(value, Unread)}
+    assert [*unread] == [*variables, "runs"]
+    assert unread["text"] == ("is text", "")
+    assert unread["cell"].advice == (
+        "in MATLAB: s = struct('x', cell2mat(cell)); save log.mat -struct s"
+    )
+    assert unread["runs"].reason == "is a struct array of 1 x 2"
+    assert "[runs.t]" in unread["runs"].advice
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_the_fields_of_a_struct_are_variables_as_scipy_reads_them(
+    packed: bool, tmp_path: Path
+) -> None:
+    x = np.arange(12.0).reshape(4, 3)
+    log = {"t": np.arange(4.0), "arm": {"q": x, "n": np.int8([1, -2]), "who": "me"}, "a_b": 2.5}
+    savemat(tmp_path / "x.mat", {"log": log, "u": np.ones(4)}, do_compression=packed)
+    read = read_mat(tmp_path / "x.mat")
+    assert [*read] == ["log/t", "log/arm/q", "log/arm/n", "log/arm/who", "log/a_b", "u"]
+    whole = loadmat(tmp_path / "x.mat", squeeze_me=True, struct_as_record=False)["log"]
+    for name in ("t", "a_b"):
+        np.testing.assert_array_equal(np.squeeze(read[f"log/{name}"]), getattr(whole, name))
+    np.testing.assert_array_equal(read["log/arm/q"], whole.arm.q)
+    np.testing.assert_array_equal(np.squeeze(read["log/arm/n"]), whole.arm.n)
+    assert read["log/arm/who"] == ("is text", "")
+
+
+def element(kind: int, content: bytes) -> bytes:
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def mat(*variables: bytes) -> bytes:
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01" + b"IM" + b"".join(variables)
+
+
+def object_of(of: bytes, name: bytes) -> bytes:
+    """A variable of a class of MATLAB's own, such as a timeseries."""
+    flags = element(6, struct.pack("<II", 17, 0))
+    parts = [flags, *(element(1, text) for text in (name, b"MCOS", of))]
+    return element(14, b"".join(parts))
+
+
+def test_objects_of_matlab_are_named_by_their_class_and_what_it_keeps_for_them_is_no_variable(
+    tmp_path: Path,
+) -> None:
+    kept = element(6, struct.pack("<II", 9, 0)) + element(5, struct.pack("<ii", 1, 2))
+    nameless = element(14, kept + element(1, b"") + element(2, b"ab"))
+    content = mat(object_of(b"timeseries", b"run"), object_of(b"timetable", b"tt"), nameless)
+    (tmp_path / "x.mat").write_bytes(content)
+    read = read_mat(tmp_path / "x.mat")
+    assert [*read] == ["run", "tt"]
+    assert read["run"] == (
+        "is a timeseries",
+        "in MATLAB: s = struct('t', run.Time, 'x', run.Data); save log.mat -struct s",
+    )
+    assert isinstance(read["tt"], Unread)
+    assert "seconds(tt.Time" in read["tt"].advice
+
+
+def test_structs_have_bounds_in_depth_in_number_and_in_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x.mat"
+    flags = element(6, struct.pack("<II", 2, 0)) + element(5, struct.pack("<ii", 1, 1))
+    deep = b""
+    for _ in range(5000):  # deeper than Python's own stack
+        deep = element(
+            14, flags + element(1, b"s") + element(5, b"\2\0\0\0") + element(1, b"s\0") + deep
+        )
+    path.write_bytes(mat(deep))
+    with pytest.raises(ValueError, match="more than 16 deep"):
+        read_mat(path)
+    savemat(path, {"log": {"a": np.zeros(100, np.int8), "b": np.zeros(100, np.int8)}})
+    monkeypatch.setattr(matfile, "MOST_BYTES", 1700)
+    assert len(read_mat(path)) == 2
+    monkeypatch.setattr(matfile, "MOST_BYTES", 1500)
+    with pytest.raises(ValueError, match="unpacked"):
+        read_mat(path)
+    monkeypatch.undo()
+    names = b"".join(f"{k:07}".encode() + b"\0" for k in range(10_001))
+    many = flags + element(1, b"s") + element(5, b"\x08\0\0\0") + element(1, names)
+    path.write_bytes(mat(element(14, many + element(14, b"") * 10_001)))  # never filled
+    with pytest.raises(ValueError, match="more than 10000 variables"):
+        read_mat(path)
 
 
 def test_numbers_that_matlab_stored_in_a_smaller_type_and_big_endian_files(tmp_path: Path) -> None:
@@ -56,6 +141,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, bytes]:
     folder, found = tmp_path_factory.mktemp("mat"), {}
     for packed in (False, True):
         variables = {"time": np.arange(40.0)[None, :], "name": "x", "angle": np.ones((40, 1))}
+        variables |= {"log": {"x": np.ones(5), "arm": {"q": np.ones(3)}}}
         savemat(folder / "x.mat", variables, do_compression=packed)
         found[packed] = (folder / "x.mat").read_bytes()
     return found
@@ -81,7 +167,7 @@ def test_any_damage_is_refused_or_harmless(
     except ValueError as refused:
         assert str(refused)  # noqa: PT017
     else:
-        assert all(array is None or array.dtype == np.float64 for array in read.values())
+        assert all(isinstance(v, Unread) or v.dtype == np.float64 for v in read.values())
 
 
 @given(content=st.binary(max_size=300))

@@ -98,8 +98,8 @@ _PREFIXED = {  # as they are, and with one of _PREFIXES before them
     "J": _unit(1, m=2, kg=1, s=-2),
     "K": _unit(1, k=1),
     "Pa": _unit(1, m=-1, kg=1, s=-2),
-    "T": _unit(1, kg=1, s=-2, a=-1),
     "ohm": _unit(1, m=2, kg=1, s=-3, a=-2),
+    "Ohm": _unit(1, m=2, kg=1, s=-3, a=-2),
     "rad": _unit(1),
     "mps": _unit(1, m=1, s=-1),
 }
@@ -125,6 +125,11 @@ _ALONE = {
     "m2ps": _unit(1, m=2, s=-1),
     "kmh": _unit(Fraction(1000, 3600), m=1, s=-1),
     "knots": _unit(Fraction(1852, 3600), m=1, s=-1),
+    "kt": _unit(Fraction(1852, 3600), m=1, s=-1),
+    "T": _unit(1, kg=1, s=-2, a=-1),  # without kT and its like: fields are small, and kt is knots
+    "mT": _unit(Fraction(1, 1000), kg=1, s=-2, a=-1),
+    "uT": _unit(Fraction(1, 10**6), kg=1, s=-2, a=-1),
+    "nT": _unit(Fraction(1, 10**9), kg=1, s=-2, a=-1),
     "dps": _unit(Fraction(math.pi / 180.0), s=-1),
     "rev": _unit(2 * Fraction(math.pi)),
     "rps": _unit(2 * Fraction(math.pi), s=-1),
@@ -154,6 +159,7 @@ _SPOKEN = {  # as people write them out
     "W": "watt watts",
     "Pa": "pascal pascals",
     "K": "kelvin",
+    "knots": "knot kts",
     "counts": "count tick ticks lsb",
 }
 _PREFIXES = {
@@ -172,7 +178,19 @@ _SYMBOLS = {
 }
 _SYMBOLS |= _PREFIXED | _ALONE  # "min" is no milli-inch, and "ft" no femto-anything
 _SYMBOLS |= {word: _SYMBOLS[unit] for unit, words in _SPOKEN.items() for word in words.split()}
-_IN_ANY_CASE = {name.lower(): name for name in reversed(_SYMBOLS) if not name.startswith("M")}
+_WORDS = (  # which mean nothing else in other cases, as those of _SPOKEN
+    "h", "in", "ft", "lb", "oz", "lbf", "l", "min", "deg", "rev", "rpm", "rps", "dps", "mps",
+    "mps2", "kmh", "knots", "step", "steps", "Nmm", "ohm", "kohm", "rad", "bar", "mbar", "psi",
+    "counts",
+)  # fmt: skip
+_IN_ANY_CASE = {name.lower(): name for name in [*_WORDS, *" ".join(_SPOKEN.values()).split()]}
+# Symbols that people also write small, in capitals, or with the first letter a capital. Others are
+# taken as they are: a small t is no tesla, kv no kilovolt, and mpa may be MPa.
+_OFTEN_RECASED = (
+    "m", "cm", "dm", "km", "um", "nm", "g", "kg", "s", "us", "ns", "N", "Ns", "Nm", "kNm", "gf",
+    "kgf", "Hz", "kHz", "V", "uV", "A", "uA", "W", "kW", "J", "kJ", "Pa", "kPa", "uT", "kt",
+)  # fmt: skip
+_ONLY_SMALL = ("mV", "mA", "mN", "mNm", "mW")  # with a capital M they are a billion times as much
 _ELECTRICAL = {  # where nothing stands beside them: M/H is no metre per henry
     prefix + name: Quantity(size * quantity.factor, quantity.powers)
     for prefix, size in [("", Fraction(1)), *_PREFIXES.items()]
@@ -182,8 +200,7 @@ _ELECTRICAL = {  # where nothing stands beside them: M/H is no metre per henry
         "S": _unit(1, m=-2, kg=-1, s=3, a=2),
     }.items()
 }
-# Alone, these are other units than the same in other cases: gauss, knots.
-_OTHERS = {"G", "mG", "uG", "M", "mM", "uM", "MHZ", "NM", "kn"}
+_OTHERS = {"M"}  # alone it is no metre; M/S is one a second
 _ANGULAR = re.compile(
     r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|turns?|rpm|rps|dps)(?![A-Za-z])|°",
     re.I,
@@ -195,6 +212,22 @@ _PART = re.compile(
     r"\s*(?P<sign>[/*·⋅]?)\s*"
     r"(?:\((?P<group>[^()]*)\)|(?P<name>[A-Za-zµμ%°\u2126\u03a9]+|1(?![0-9])|-))(?:\^?(?P<power>-?[0-9]))?"
 )
+
+
+def _recased() -> dict[str, str]:
+    """The spellings in other cases that mean one symbol, and the symbol."""
+    found = [(name.lower(), name) for name in _ONLY_SMALL] + [("MM", "mm")]
+    for name in _OFTEN_RECASED:
+        found += [(name.lower(), name), (name.upper(), name)]
+        found += [(name.capitalize(), name), (name[0].upper() + name[1:], name)]
+    meant: dict[str, set[str]] = {}
+    for spelling, name in found:
+        meant.setdefault(spelling, set()).add(name)
+    del meant["G"]  # gauss, or times gravity
+    return {spelling: min(names) for spelling, names in meant.items() if len(names) == 1}
+
+
+_RECASED = _recased()
 
 
 def unit_of(name: str) -> str | None:
@@ -215,6 +248,15 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
 }  # fmt: skip
 _ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s"}  # alone, `arm_a` is no current
 
+_ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt` is a constant
+    "cm": ["cm"], "km": ["km"], "kmh": ["kmh"], "kn": ["kN", "knots"], "kt": ["knots"],
+    "kts": ["knots"], "knots": ["knots"], "bar": ["bar"], "mbar": ["mbar"], "kpa": ["kPa"],
+}  # fmt: skip
+_PLAIN_ENDS = {  # that are a unit beside any other
+    "mps", "mps2", "radps", "radps2", "kgm2", "kg", "rad", "deg", "rpm", "hz", "ohm", "mm",
+    "cm", "kmh", "knots", "kts", "mbar", "kpa",
+}  # fmt: skip
+
 
 def unit_at_end(name: str) -> str | None:
     """The unit that any name ends in, or None: `resistance_ohm` → "ohm", `push_n_per_v` → "N/V"."""
@@ -234,13 +276,27 @@ def is_known(text: str) -> bool:
 
 
 def contradicted(name: str, unit: str) -> str | None:
-    """The unit that a name ends in, where it is another one of the same dimension; else None."""
-    named = unit_at_end(name)
+    """The unit that a name ends in, where it is another one than `unit`; else None.
+
+    Of another dimension only an end counts that means nothing else: `x_s` may be of the slave, and
+    `vx_mps` is a speed. Where the unit is "1" nobody has said one.
+    """
+    end = name.lower().rpartition("_")[2] if "_" in name else ""
+    by_name = unit_at_end(name)
+    named = [by_name] if by_name is not None else _ENDS_BESIDE.get(end, [])
+    alike = [each for each in named if same_dimension(each, unit)]
+    if alike:
+        return None if any(same_unit(each, unit) for each in alike) else alike[0]
+    is_plain = end in _PLAIN_ENDS and is_known(unit) and not same_dimension(unit, "1")
+    return named[0] if named and is_plain else None
+
+
+def same_dimension(first: str, other: str) -> bool:
+    """Whether a number in one unit can be put into the other; angles are numbers."""
     try:
-        differs = named is not None and conversion(unit, named) != 1
-    except ValueError:  # of another dimension: the end of the name is no unit
-        return None
-    return named if differs else None
+        return conversion(first, other) > 0
+    except ValueError:
+        return False
 
 
 def same_unit(first: str, other: str) -> bool:
@@ -261,10 +317,20 @@ def conversion(given: str, wanted: str) -> Fraction:
     source, target = _read(given), _read(wanted)
     understood = _UNDERSTOOD.get(wanted, f"{wanted}, or the same with other prefixes")
     if source is None or target is None:
-        raise ValueError(f"{given!r} is not known; give {understood}")
+        raise ValueError(f"{given!r} is not known{_meant(given) or f'; give {understood}'}")
     if source.powers != target.powers:
         raise ValueError(f"{given!r} is of another dimension; give {understood}")
     return source.factor / target.factor
+
+
+def _meant(text: str) -> str:
+    """What a unit may mean that is known in other cases only, or as another word; "" for none."""
+    folded = text.strip().lower()
+    names = [name for name in _SYMBOLS if name.lower() == folded]
+    names += ["knots"] if folded == "kn" else []
+    if not names:
+        return ""
+    return f": {' or '.join(sorted(names))} may be meant; give {'which' if names[1:] else 'that'}"
 
 
 def si_unit(text: str) -> str:
@@ -274,7 +340,8 @@ def si_unit(text: str) -> str:
     """
     quantity = _read(text)
     if quantity is None:
-        raise ValueError(f"{text!r} is not known; give one such as m, rad, N m, V, A or m/s^2")
+        advice = _meant(text) or "; give one such as m, rad, N m, V, A or m/s^2"
+        raise ValueError(f"{text!r} is not known{advice}")
     names = [*_SI_ANGLES, *_SI] if is_angular(text) else [*_SI, *_SI_ANGLES]
     same = (name for name in names if _read(name) == Quantity(Fraction(1), quantity.powers))
     return next(same, _composed(quantity))
@@ -324,8 +391,14 @@ def _part(part: "re.Match[str]") -> Quantity | None:
         return None if group is None else group.raised(int(part["power"] or 1))
     name = part["name"].replace("µ", "u").replace("μ", "u")
     name = name.replace("\u2126", "ohm").replace("\u03a9", "ohm")  # the ohm's own sign, and omega
-    read = _SYMBOLS.get(name + (part["power"] or ""))  # mps2 is no square of mps
+    read = _symbol(name + (part["power"] or ""))  # mps2 is no square of mps
     if read is not None:
         return read
-    read = _SYMBOLS.get(name) or _SYMBOLS.get(_IN_ANY_CASE.get(name.lower(), "?"))
+    read = _symbol(name)
     return read.raised(int(part["power"] or 1)) if read is not None else None
+
+
+def _symbol(name: str) -> Quantity | None:
+    """A symbol or a word as a quantity, also where its case is another that nothing else has."""
+    recased = _RECASED.get(name) or _IN_ANY_CASE.get(name.lower(), "?")
+    return _SYMBOLS.get(name) or _SYMBOLS.get(recased)

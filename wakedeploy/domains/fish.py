@@ -18,7 +18,7 @@ from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.version import VERSION
 from wakedeploy.domains.domain import Recorded
-from wakedeploy.domains.matfile import read_mat
+from wakedeploy.domains.matfile import Unread, Variable, read_mat
 
 RATE_HZ = 30.0
 WINDOW_S = 0.5
@@ -126,7 +126,7 @@ class _MatFile:
     """One MATLAB file's variables, checked as they are asked for."""
 
     path: Path
-    variables: Mapping[str, Vector | None]
+    variables: Mapping[str, Variable]
 
     @classmethod
     def read(cls, path: Path) -> "_MatFile":
@@ -146,7 +146,7 @@ class _MatFile:
         """A variable as a vector (n,) of finite real numbers."""
         if key not in self.variables:
             raise self.refused(key, "is missing")
-        if (value := self.variables[key]) is None:
+        if isinstance(value := self.variables[key], Unread):
             raise self.refused(key, "does not hold real numbers")
         if value.size < 2 or value.size != max(value.shape):
             raise self.refused(key, f"has shape {value.shape}, not one row or column")

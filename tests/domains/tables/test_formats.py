@@ -173,6 +173,39 @@ def imported(name: str) -> Any:
     return __import__(name, fromlist=["_"])
 
 
+@pytest.mark.parametrize("in_hdf5", [False, True])
+def test_a_struct_of_matlab_is_columns_in_every_version(in_hdf5: bool, tmp_path: Path) -> None:
+    t, path = np.arange(50) / 10, tmp_path / "log.mat"
+    if in_hdf5:
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            file["log/t"], file["log/arm/x"] = t[None], np.sin(t)[None]
+    else:
+        runs = np.array([(1.0,), (3.0,)], [("x", object)])
+        log = {"t": t, "arm": {"x": np.sin(t)}, "runs": runs}
+        pytest.importorskip("scipy.io").savemat(path, {"log": log, "gain": 2.0})
+    guessed = guess_columns(path)
+    assert '[time]\ncolumn = "log/t"' in guessed
+    assert 'column = "log/arm/x"' in guessed
+    assert ("# Not listed: log/runs is a struct array of 1 x 2; in MATLAB: " in guessed) != in_hdf5
+    (one,) = read(path, guessed.replace('"unused"', '"output"'))
+    assert np.array_equal(one.columns["log_arm_x"], np.sin(t))
+    if not in_hdf5:
+        with pytest.raises(UnusableInput, match=r"'log/runs' is a struct array .* save log"):
+            read(path, '[time]\ncolumn = "log/t"\n' + column("x", "log/runs/x"))
+        with pytest.raises(UnusableInput, match=r"'log\.arm\.x' is not there; it has 'log/arm/x'"):
+            read(path, '[time]\ncolumn = "log/t"\n' + column("x", "log.arm.x"))
+
+
+def test_a_file_that_has_nothing_but_objects_of_matlab_is_refused_with_what_helps(
+    tmp_path: Path,
+) -> None:
+    runs = np.array([(1.0,), (3.0,)], [("x", object)])
+    pytest.importorskip("scipy.io").savemat(tmp_path / "log.mat", {"runs": runs})
+    with pytest.raises(UnusableInput, match=r"no column of numbers: runs is a struct array .*save"):
+        guess_columns(tmp_path / "log.mat")
+
+
 def test_matlab_7_3_is_read_by_its_hdf5(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     made, path = logs.motion(), tmp_path / "log.mat"
@@ -183,6 +216,29 @@ def test_matlab_7_3_is_read_by_its_hdf5(tmp_path: Path) -> None:
     (one,) = read(path, logs.columns_of("mat"))
     assert np.array_equal(one.columns["u"], made["u"])
     np.testing.assert_allclose(one.columns["q"], np.deg2rad(made["q"][:, 1]), rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "stated"),
+    [
+        ("t;u\n0,0;1,5\n0,1;2,5\n0,2;-3\n", 'delimiter = ";"'),
+        ("t\tu\n0\t1,5\n0,1\t2,5\n0,2\t-3\n", 'delimiter = "\\t"'),
+        ("t u\n0,0 1,5\n1e-1 2,5\n,2 -3\n", 'delimiter = " "'),
+        ('"t","u"\n"0,0","1,5"\n"0,1","2,5"\n"0,2","-3"\n', 'delimiter = ","'),
+        ("% a;b\nt;u\n0,0;1,5\n% no\n0,1;2,5\n0,2;-3\n", 'delimiter = ";"'),
+        ("t;u\n0.0;1.5\n0.1;2.5\n0.2;-3\n", ""),
+        ("t;n;u\n0.0;1,2;1.5\n0.1;3,4;2.5\n0.2;5,6;-3\n", ""),  # where a point is the decimals'
+    ],
+)
+def test_a_guess_reads_decimal_commas(text: str, stated: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text, "utf-8")
+    guessed = guess_columns(path)
+    assert ('decimal = ","' in guessed) == bool(stated)
+    assert stated in guessed
+    (one,) = read(path, guessed.replace('"unused"', '"output"'))
+    assert one.columns["u"].tolist() == [1.5, 2.5, -3.0]
+    assert one.rate_hz == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize(

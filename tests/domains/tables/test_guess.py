@@ -11,6 +11,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.guess_rate import usual_hz
 from wakedeploy.domains.tables.reading import read_recordings
 
 ROLES = {"cmd": "input", "q": "output"}
@@ -93,6 +94,38 @@ def test_files_with_clocks_of_their_own_are_brought_to_the_rate_of_what_is_measu
     assert len(one.time_s) > 490
     table(folder / "state.csv", t=command_t, q=np.arange(2000))
     assert "[resample]" not in guess_columns(folder)  # one clock
+
+
+def test_files_of_one_layout_are_recordings_of_one_kind(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    t = np.arange(100) / 50
+    for k in range(24):
+        table(folder / f"run_{k:02}.csv", t=t, q=np.full(100, k), cmd=np.sin(t + k))
+    guessed = guess_columns(folder)
+    assert guessed.count("[columns.") == 2
+    assert "# All 24 files have these columns" in guessed
+    assert "runs/*.csv" in guessed
+    assert "\nfile = " not in guessed
+    roles = guessed.replace('"unused"', '"output"')
+    read_back = read_recordings(sorted(folder.iterdir()), parse_columns(roles)).recordings
+    assert [one.columns["q"][0] for one in read_back] == list(range(24))
+    with pytest.raises(UnusableInput, match="or give files"):
+        read(folder, roles)
+
+
+def test_files_of_two_layouts_are_listed_once_for_each(tmp_path: Path) -> None:
+    folder, t = tmp_path / "runs", np.arange(100) / 50
+    folder.mkdir()
+    for k in range(3):
+        table(folder / f"cmd_{k}.csv", t=t, cmd=np.sin(t))
+        table(folder / f"state_{k}.csv", t=t, q=np.cos(t))
+    guessed = guess_columns(folder)
+    assert guessed.count("[columns.") == 2
+    assert guessed.count("\nfile = ") == 2
+    assert "# cmd_0.csv has the columns of 2 more, which are not listed:\n#   cmd_1.csv" in guessed
+    (one,) = read(folder, guessed)
+    assert np.array_equal(one.columns["q"], np.round(np.cos(t), 6))
 
 
 def test_topics_are_brought_to_the_rate_of_the_fastest_that_is_measured(tmp_path: Path) -> None:
@@ -276,3 +309,58 @@ def test_the_clock_of_a_column_tells_its_unit_as_well(tmp_path: Path) -> None:
     )
     guessed = guess_columns(tmp_path / "log.npz")
     assert 'time = "pose_stamp"\ntime_unit = "ns"' in guessed
+
+
+RATES_HZ = (10, 20, 32, 50, 100, 125, 200, 250, 1000)
+
+
+@pytest.mark.parametrize("rate_hz", [*RATES_HZ, 19.2, 47.6, 31.25, 62.5])
+@pytest.mark.parametrize("jitter", [0.0, 0.1, 0.2])
+def test_a_rate_is_the_one_that_a_person_means(
+    rate_hz: float, jitter: float, tmp_path: Path
+) -> None:
+    """Stamps off by up to a share of the interval, each on its own, and 3 % of the samples lost."""
+    draw = np.random.default_rng(7)
+    t = (np.arange(600) + draw.uniform(-jitter, jitter, 600)) / rate_hz
+    t = t[draw.random(600) > 0.03]
+    guessed = guess_columns(table(tmp_path / "log.csv", t=t, q=np.sin(t)))
+    assert f"# about {rate_hz:g} Hz, " in guessed
+    assert f"\nrate_hz = {rate_hz:g}  # ? that of q" in guessed
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_a_short_log_and_stamps_whose_jitter_is_normal_have_their_rate_too(rate_hz: int) -> None:
+    for seed in range(20):
+        draw = np.random.default_rng(seed)
+        for count, jitter in ((60, 0.1), (3000, 0.2)):
+            t = np.sort(np.arange(count) + jitter * draw.standard_normal(count)) / rate_hz
+            assert usual_hz(t[draw.random(count) > 0.03]) == rate_hz
+
+
+def test_jitter_that_adds_up_leaves_a_rate_within_what_it_leaves_open() -> None:
+    """Steps of a sleeping loop, each on its own: 19.2 Hz may be said as 19, and never as 20."""
+    draw = np.random.default_rng(1)
+    for _ in range(50):
+        t = np.cumsum((1.0 + draw.uniform(-0.2, 0.2, 2000)) / 19.2)
+        told = usual_hz(t)
+        assert told is not None
+        assert abs(told / 19.2 - 1.0) < 0.02
+
+
+def test_bursts_come_at_the_rate_of_bursts_and_wild_stamps_at_their_median() -> None:
+    bursts = np.array([0.32 * burst + 0.0005 * k for burst in range(100) for k in range(32)])
+    assert usual_hz(bursts) == pytest.approx(1 / 0.3045, rel=0.01)
+    wild = np.cumsum(np.random.default_rng(0).uniform(0.0, 0.02, 2000))
+    assert usual_hz(wild) == pytest.approx(100.0, rel=0.1)
+    assert usual_hz(np.zeros(5)) is None
+    with_holes = np.concatenate([np.arange(500) / 50 + 1e4 * k * k for k in range(4)])
+    assert usual_hz(with_holes) == 50.0
+    assert usual_hz(np.concatenate([np.arange(500) / 50 for _ in range(4)])) == 50.0
+
+
+def test_a_speed_that_its_name_says_in_other_units_is_guessed(tmp_path: Path) -> None:
+    t = np.arange(100) / 50
+    guessed = guess_columns(table(tmp_path / "log.csv", t=t, wind_kts=t, car_kmh=t, motor_kt=t))
+    assert 'column = "wind_kts"\nrole = "unused"\nunit = "knots"' in guessed
+    assert 'column = "car_kmh"\nrole = "unused"\nunit = "kmh"' in guessed
+    assert 'column = "motor_kt"\nrole = "unused"\nunit = "1"' in guessed  # a motor's constant

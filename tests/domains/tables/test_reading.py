@@ -132,9 +132,15 @@ def test_a_unit_that_the_column_s_name_contradicts_is_said(tmp_path: Path) -> No
     text = BASE + U.replace('column = "u"', 'column = "encoder_mm"')
     assert "its name says mm" in reading(path, text.replace('"V"', '"m"')).notes[0]
     assert not reading(path, text.replace('"V"', '"mm"')).notes
-    assert not reading(path, text).notes  # of another dimension: the name is no unit
+    assert "read as V, and its name says mm" in reading(path, text).notes[0]
+    called = BASE + U.replace("columns.u", "columns.rel_vx_mps").replace('"V"', '"T"')
+    called = called.replace('column = "u"', 'column = "encoder"')
     scaled = text.replace('"V"', '"m"') + "scale = 0.001\n"
     assert not reading(path, scaled).notes  # a factor of one's own
+    path.write_text(path.read_text().replace("encoder_mm", "encoder"))
+    assert "read as T, and its name says m/s" in reading(path, called).notes[0]
+    plain = called.replace("rel_vx_mps", "rel_vx_s")
+    assert not reading(path, plain).notes  # of another dimension such an end is no unit
 
 
 def test_one_lost_sample_splits_a_log_in_two_as_advised(tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log, 
 from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
+_Named = tuple[str, Log]  # a file's name in its folder, "" for one that is alone, and the file
 
 _SHORT_RUN = 2.0  # rows with a number; longer runs are of one clock, with samples that are lost
 _MANY_ROWS, _MOST = 5000, 0.9  # that are looked at; a share that is nearly all
@@ -45,6 +46,7 @@ _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"_nm$", "N m"), (r"_rad$", "rad"), (r"_deg$", "deg"), (r"_rpm$|^rpm$", "rpm"),
     (r"(^|_)(volt|voltage|volts|vbat)", "V"), (r"(^|_)(amps|ampere|current)(_a)?$", "A"),
     (r"_mv$", "mV"), (r"_ma$", "mA"), (r"_cm$", "cm"), (r"_m$", "m"), (r"_mm$", "mm"),
+    (r"_kmh$", "kmh"), (r"_(kts|knots)$", "knots"),
     (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
     (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
@@ -82,7 +84,8 @@ class _File:
 def guess_columns(path: Path | str) -> str:
     """The text of a first `columns.toml` for a log or a folder of logs.
 
-    Raises UnusableInput for a file that cannot be read, or that holds no numbers.
+    Files of a folder that have the same columns are recordings of one kind: each column is listed
+    once. Raises UnusableInput for a file that cannot be read, or that holds no numbers.
     """
     path = Path(path)
     if is_log(path):
@@ -98,7 +101,36 @@ def guess_columns(path: Path | str) -> str:
             continue
     if not logs:
         raise UnusableInput(f"{path}: contains no log in a known format; give one log file.")
-    return _text(path, logs, form)
+    kinds = _by_layout(logs)
+    if len(kinds) == 1 and len(logs) > 1:
+        return _text(path, [("", logs[0][1])], form, _of_one_kind(path, logs))
+    said = [line for kind in kinds if len(kind) > 1 for line in _on_likes(kind)]
+    return _text(path, [kind[0] for kind in kinds], form, said)
+
+
+def _by_layout(logs: Sequence[_Named]) -> list[list[_Named]]:
+    """The logs of a folder in groups that have the same columns."""
+    groups: dict[frozenset[str], list[_Named]] = {}
+    for name, log in logs:
+        groups.setdefault(frozenset(field.name for field in log.fields()), []).append((name, log))
+    return list(groups.values())
+
+
+def _of_one_kind(path: Path, logs: Sequence[_Named]) -> Sequence[str]:
+    named = f"{plain_line(path.name)}/*{plain_line(''.join(Path(logs[0][0]).suffixes))}"
+    return [
+        f"# All {len(logs)} files have these columns. They are taken as recordings of one kind:",
+        f"# give the files, as in {named}, and not the folder. If they are parts of one",
+        '# recording, say in each column in which of them it stands, as in file = "left.csv".',
+    ]
+
+
+def _on_likes(kind: Sequence[_Named]) -> Iterator[str]:
+    (first, _), *others = kind
+    yield f"# {plain_line(first)} has the columns of {len(others)} more, which are not listed:"
+    names = ", ".join(plain_line(name) for name, _ in others)
+    yield textwrap.indent(textwrap.fill(names, 94, break_on_hyphens=False), "#   ")
+    yield "# Each recording is a folder of its own, in which files have the same names."
 
 
 def _form_of(files: Sequence[Path]) -> Delimited:
@@ -114,7 +146,7 @@ def _form_of(files: Sequence[Path]) -> Delimited:
     return plain
 
 
-def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
+def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[str] = ()) -> str:
     files = [_seen(name, log) for name, log in logs]
     first = next((file for file in files if file.fields), files[0])
     timing, resampling = first.timing, tuple[str, ...]()
@@ -131,6 +163,7 @@ def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
         f"# What the columns of {path.name} mean, as far as it can be seen. Lines with a question",
         "# mark are guesses. Give the columns that you need a role: input, output, observation or",
         '# force, or several as in ["input", "observation"]. All others are left out.',
+        *said,
         "version = 1",
         "",
         "[time]",
@@ -141,12 +174,21 @@ def _text(path: Path, logs: Sequence[tuple[str, Log]], form: Delimited) -> str:
         head += ["", "[split]", f"gap_s = {gap_s:g}  # ? longer silences are in this log"]
     if form != Delimited():
         stated = form.model_dump(exclude_defaults=True)
-        head += ["", "[csv]", *(f"{key} = {toml(value)}" for key, value in stated.items())]
+        head += ["", "[csv]", *(f"{k} = {toml(v)}".replace("\t", r"\t") for k, v in stated.items())]
+        if form.decimal == ",":
+            head[-1] += "  # ? 1,5 is read as one and a half"
     taken: set[str] = set()
     entries = [line for file in files for line in _entries(file, timing, taken)]
-    if not entries:
-        raise UnusableInput(f"{path}: holds no column of numbers; give another file.")
+    if not any(line.startswith("[columns.") for line in entries):
+        raise _without_numbers(path, files)
     return "\n".join([*head, *entries]) + "\n"
+
+
+def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
+    unread = next((field for file in files for field in file.log.fields() if field.unread), None)
+    if unread is None:
+        return UnusableInput(f"{path}: holds no column of numbers; give another file.")
+    return UnusableInput(f"{path}: holds no column of numbers: {unread.name} {unread.unread}.")
 
 
 def _differs(one: Timing, other: Timing) -> bool:
@@ -210,6 +252,9 @@ def _not_listed(file: _File, same: Mapping[str, float]) -> Iterator[str]:
     if stamped is not None:
         address = toml(stamped.removesuffix(".sec"))
         yield f"\n# Not listed: stamps of headers; time = {address} takes that in its topic."
+    for field in file.log.fields():
+        if field.unread:
+            yield f"\n# Not listed: {plain_line(field.name)} {field.unread}."
     if same:
         told = ", ".join(f"{plain_line(name)} {value:.4g}" for name, value in same.items())
         yield "\n# Not listed, as they never change:"

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.guess_rate import usual_hz
 from wakedeploy.domains.tables.guess_time_unit import LARGEST, time_unit, unit_in
 from wakedeploy.domains.tables.log import Field, Log, Values
-from wakedeploy.domains.tables.resampling import unevenness, usual_step_s
+from wakedeploy.domains.tables.resampling import unevenness
 from wakedeploy.domains.tables.stamps import (
     as_floats,
     as_numbers,
@@ -47,7 +48,6 @@ _COMMANDED = re.compile(  # by its name: what drives a system, and is held betwe
     r"(?:^|[^a-z])(?:cmd|command|ctrl|control|set_?point|ref|reference|desired|target|goal|action"
     r"|input|actuator|u)s?(?:$|[^a-z])"
 )
-_DIGITS = 0.01  # by which a rate may be rounded
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,11 @@ def own_timing(log: Log, fields: Sequence[Field]) -> tuple[Timing, tuple[str, ..
         stamps_s = in_seconds(stamps, seconds_in(clock.unit), 0)
         if not (np.abs(stamps_s) < _LATEST_S).all():
             continue
-        rate_hz = _usual_hz(stamps_s)
+        rate_hz = usual_hz(stamps_s)
         if rate_hz is None:
             continue
         sampled.append((topic, stamps_s))
-        lines.append(f"#   {plain_line(topic)}: {rate_hz:.3g} Hz, {np.ptp(stamps_s):.4g} s")
+        lines.append(f"#   {plain_line(topic)}: {rate_hz:.4g} Hz, {np.ptp(stamps_s):.4g} s")
     return Timing(tuple(lines)), resampled(sampled)
 
 
@@ -145,7 +145,7 @@ def resampled(sampled: Iterable[tuple[str, Vector]]) -> tuple[str, ...]:
     """
     several = list(sampled)
     lasting = [each for each in several if len(each[1]) >= _FEW_STAMPS]
-    rates = {n: hz for n, stamps_s in lasting or several if (hz := _usual_hz(stamps_s)) is not None}
+    rates = {n: hz for n, stamps_s in lasting or several if (hz := usual_hz(stamps_s)) is not None}
     measured = {name: hz for name, hz in rates.items() if not _COMMANDED.search(name.lower())}
     chosen = measured or rates
     if not chosen:
@@ -240,32 +240,16 @@ def _about(stamps_s: Vector) -> str | None:
     rising = steps_s[steps_s > 0]
     if len(rising) < 0.5 * len(steps_s) or not len(rising):
         return None
-    usual_s = float(np.median(rising))
-    return f"# about {1 / usual_s:.4g} Hz, {np.ptp(stamps_s):.4g} s"
-
-
-def _usual_hz(stamps_s: Vector) -> float | None:
-    """The rate in which samples, or bursts of them, usually come; holes between them aside."""
-    steps_s = np.diff(stamps_s)
-    steps_s = steps_s[steps_s > 0]
-    if not len(steps_s):
-        return None
-    return 1.0 / usual_step_s(steps_s[steps_s <= max(1.0, 10.0 * float(np.median(steps_s)))])
+    return f"# about {usual_hz(stamps_s):.4g} Hz, {np.ptp(stamps_s):.4g} s"
 
 
 def _resample_lines(rate_hz: float, reason: str) -> tuple[str, ...]:
     return (
         "",
         "[resample]",
-        f"rate_hz = {_rounded(rate_hz):g}  # ? {reason}",
+        f"rate_hz = {rate_hz:g}  # ? {reason}",
         'method = "hold"  # or "low-pass", which no sample of the future passes',
     )
-
-
-def _rounded(rate_hz: float) -> float:
-    """A rate by the fewest digits that say it."""
-    tries = (float(f"{rate_hz:.{digits}g}") for digits in (1, 2, 3))
-    return next((r for r in tries if abs(r / rate_hz - 1.0) <= _DIGITS), float(f"{rate_hz:.3g}"))
 
 
 def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing | None:

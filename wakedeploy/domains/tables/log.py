@@ -39,7 +39,8 @@ class Field:
 
     `topic` groups fields with one clock; `example` is the first sample, None for a text. `remark`
     is on a unit that a format leaves open. A field of a message whose type is known `is_typed`; one
-    that `is_aside` is no measurement, as a covariance.
+    that `is_aside` is no measurement, as a covariance. `unread` is why a field holds no
+    numbers, with what to do about it.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Field:
     remark: str = ""
     is_typed: bool = False
     is_aside: bool = False
+    unread: str = ""
 
 
 class Clock(NamedTuple):

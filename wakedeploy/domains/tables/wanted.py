@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from wakedeploy.core.angles import Unwrapped, turn_in, unwrapped
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import contradicted, conversion, is_angular, si_unit
+from wakedeploy.core.units import (
+    contradicted,
+    conversion,
+    is_angular,
+    same_dimension,
+    si_unit,
+)
 from wakedeploy.domains.tables.columns import Column
 
 Vector = NDArray[np.float64]
@@ -22,7 +28,7 @@ class Wanted:
 
     def __init__(self, name: str, column: Column, unit: str | None, file: str) -> None:
         self.name, self.column, self._file = name, column, file
-        self.doubt = _doubted(column)
+        self.doubt = _doubted(name, column)
         try:
             self.unit = unit or column.to or si_unit(column.unit)
             self._factor = conversion(column.unit, self.unit)
@@ -43,7 +49,7 @@ class Wanted:
     def require_honest_name(self) -> None:
         """A number in millivolts is not called `motor_v`: Python code would take it for volts."""
         named = contradicted(self.name, self.unit)
-        if named is not None:
+        if named is not None and same_dimension(named, self.unit):
             advice = "delete the line `to`" if self.column.to else f'give to = "{named}"'
             raise UnusableInput(
                 f"{self._file}: columns.{self.name} becomes {self.unit}, but its name says "
@@ -80,11 +86,16 @@ class Wanted:
         return (self.column.scale, self.column.offset) != (1.0, 0.0)
 
 
-def _doubted(column: Column) -> str:
-    """What speaks against a column's unit: another one of the same dimension in its name."""
-    if column.column is None:
+def _doubted(name: str, column: Column) -> str:
+    """What speaks against a column's unit: another one in its name in the log, or in its own."""
+    if column.column is None or (column.scale, column.offset) != (1.0, 0.0):
         return ""
     named = contradicted(column.column.partition("[")[0].lower(), column.unit)
-    if named is None or (column.scale, column.offset) != (1.0, 0.0):
-        return ""
-    return f"read as {column.unit}, and its name says {named}; is `unit` right?"
+    own = contradicted(name.lower(), column.unit)  # of its dimension, `to` or a system may want it
+    if named is None and own is not None and not same_dimension(own, column.unit):
+        named = own
+    return (
+        ""
+        if named is None
+        else f"read as {column.unit}, and its name says {named}; is `unit` right?"
+    )

@@ -3,8 +3,6 @@
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
-import numpy as np
-
 from wakedeploy.domains.tables.log import (
     Arrays,
     Clock,
@@ -17,21 +15,28 @@ from wakedeploy.domains.tables.log import (
 )
 
 Load = Callable[[Collection[str] | None], Mapping[str, Values]]
+Unread = Mapping[str, tuple[str, str]]  # what an array is instead, and what to do or ""
 
 
 class ArrayLog:
     """A file's arrays; `load` gives all of them, or those of some names."""
 
-    def __init__(self, path: Path, load: Load, units: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        load: Load,
+        units: Mapping[str, str] | None = None,
+        unread: Unread | None = None,
+    ) -> None:
         self.path, self.notes = path, list[str]()
         self._held = dict(load(None))
-        self._units = units or {}
+        self._units, self._unread = units or {}, unread or {}
         self._arrays = Arrays(path, {name: array.shape for name, array in self._held.items()})
 
     def fields(self) -> list[Field]:
         """Every array, tables number by number."""
         return [
-            Field(name, unit=self._units.get(key), example=_example(array))
+            Field(name, unit=self._units.get(key), example=_example(array), unread=self._why(key))
             for key, array in self._held.items()
             for name in elements(key, array.shape)
         ]
@@ -46,7 +51,15 @@ class ArrayLog:
         require_values(self.path, sum(map(len, columns.values())))
         return columns
 
+    def _why(self, name: str) -> str:
+        """Why an array is not read and what to do, where something can be done."""
+        reason, advice = self._unread.get(name, ("", ""))
+        return f"{reason}; {advice}" if advice else ""
+
     def _column(self, address: str) -> Values:
+        for whole, (reason, advice) in self._unread.items():
+            if address == whole or address.startswith(tuple(f"{whole}{c}" for c in "/.[(")):
+                raise refused(self.path, whole, reason, advice or "choose another")
         name, _ = self._arrays.split(address)
         column = self._arrays.column(address, self._held[name])
         if column.dtype.kind not in "fiubM":
@@ -61,8 +74,3 @@ class ArrayLog:
 def _example(array: Values) -> float | None:
     is_number = array.dtype.kind in "fiub" and array.size > 0
     return float(time_first(array).reshape(-1)[0]) if is_number else None
-
-
-def none_is_text(value: Values | None) -> Values:
-    """An array that stands for a variable of another kind than numbers."""
-    return np.array([], dtype=object) if value is None else value

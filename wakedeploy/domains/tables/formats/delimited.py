@@ -6,6 +6,7 @@ number. Columns are called by the header, or by their place: #1 is the first.
 
 import csv
 import gzip
+import itertools
 import re
 import zlib
 from array import array
@@ -35,6 +36,9 @@ _BLOCK = 1 << 15  # rows that are converted at once
 _LONGEST_LINE = 1 << 20
 _COMMENT = "#"  # what lines before a header begin with that are none of the table
 _COMMENTS = (_COMMENT, "%", "//", "!")  # that are looked for
+_LOOKED_AT = 200  # rows that show how numbers are written
+_WITH_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
+_WITH_POINT = re.compile(_WITH_COMMA.pattern.replace(",", r"\.", 1))
 _MISSING = {"", "nan", "null", "none", "na", "n/a"}
 _BOOLEAN = {"true": 1.0, "false": 0.0}
 _UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
@@ -47,16 +51,27 @@ def open_log(path: Path, csv: Delimited) -> Log:
 
 
 def seen_form(path: Path) -> Delimited:
-    """How a text is written, as far as it is seen from what its lines begin with.
+    """How a text is written, as far as it is seen from its first rows and what lines begin with.
 
     A comment before the header is left out in any case if it begins with #; any other is stated.
     """
     require_size(path)
     try:
         with _opened(path, Delimited().encoding) as file:
-            return Delimited(comment=_stated_comment(file))
-    except (OSError, EOFError, zlib.error, UnicodeError):  # who reads it says so
+            form = Delimited(comment=_stated_comment(file))
+        log = DelimitedLog(path, form)
+        rows = list(itertools.islice(log.rows(), _LOOKED_AT))
+    except (OSError, EOFError, zlib.error, UnicodeError, UnusableInput):  # who reads it says so
         return Delimited()
+    if _has_decimal_commas(rows):
+        return form.model_copy(update={"decimal": ",", "delimiter": log.delimiter})
+    return form
+
+
+def _has_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether numbers have commas before their decimals, and none has a point."""
+    cells = [cell.strip() for row in rows for cell in row]
+    return any(map(_WITH_COMMA.fullmatch, cells)) and not any(map(_WITH_POINT.fullmatch, cells))
 
 
 def _stated_comment(file: IO[str]) -> str | None:
@@ -86,7 +101,7 @@ class DelimitedLog:
         self.path, self._form, self.notes = path, form, list[str]()
         self._lines = array("q")  # of each row, where the first is 1
         rows = self._rows()
-        self._delimiter = form.delimiter or ","
+        self.delimiter = form.delimiter or ","
         first = next(rows, None)
         if first is None:
             raise UnusableInput(f"{path}: is empty; give a log with a header and rows.")
@@ -128,6 +143,12 @@ class DelimitedLog:
         if not self._lines:
             raise UnusableInput(f"{self.path}: has no row below its header; record it again.")
         return {address: growing.whole() for address, growing in kept.items()}
+
+    def rows(self) -> Iterator[list[str]]:
+        """The cells of each row below the header, as texts."""
+        yield from (
+            cells for _, cells in itertools.islice(self._rows(), int(self._form.header), None)
+        )
 
     def place(self, address: str, index: int) -> str:
         """The line of a row."""
@@ -242,6 +263,7 @@ class DelimitedLog:
             return
         number, line = first
         delimiter = self._form.delimiter or _delimiter(line)
+        self.delimiter = delimiter
         if delimiter == " ":
             yield number, line.split()
             yield from ((n, text.split()) for n, text in lines)

@@ -3,10 +3,12 @@
 from collections.abc import Collection
 from pathlib import Path
 
-from wakedeploy.domains.matfile import read_mat
+import numpy as np
+
+from wakedeploy.domains.matfile import Unread, read_mat
 from wakedeploy.domains.tables.columns import Delimited
 from wakedeploy.domains.tables.formats import hdf5
-from wakedeploy.domains.tables.formats.arrays import ArrayLog, none_is_text
+from wakedeploy.domains.tables.formats.arrays import ArrayLog
 from wakedeploy.domains.tables.log import Log, Values, require_size, unreadable
 
 
@@ -16,13 +18,17 @@ def open_log(path: Path, csv: Delimited) -> Log:
     if _is_hdf5(path):
         return hdf5.open_log(path, csv)
 
-    def load(names: Collection[str] | None) -> dict[str, Values]:
-        try:
-            return {name: none_is_text(value) for name, value in read_mat(path).items()}
-        except (OSError, ValueError) as error:
-            raise unreadable(path, error) from error
+    try:
+        variables = read_mat(path)
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from error
+    arrays = {n: v for n, v in variables.items() if not isinstance(v, Unread)}
+    unread = {n: v for n, v in variables.items() if isinstance(v, Unread)}
 
-    return ArrayLog(path, load)
+    def load(names: Collection[str] | None) -> dict[str, Values]:
+        return {**arrays, **{name: np.array([], dtype=object) for name in unread}}
+
+    return ArrayLog(path, load, unread=unread)
 
 
 def _is_hdf5(path: Path) -> bool:
