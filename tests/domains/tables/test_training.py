@@ -74,6 +74,73 @@ def test_one_file_is_cut_by_time_and_names_decide_where_they_are_given(here: Pat
     assert list(made.split.values()) == ["validation", "test", "test", "train"]
 
 
+def split_by(here: Path, lists: str, *files: str) -> dict[str, str]:
+    Path("named.toml").write_text(COLUMNS.replace("[training]", f"[training]\n{lists}"), "utf-8")
+    return dict(wd.import_table(list(files), "named.toml").split)
+
+
+FOUR = tuple(f"run{k}.csv" for k in range(4))
+
+
+@pytest.mark.parametrize(
+    ("lists", "files", "splits"),
+    [
+        ('test = ["run0*"]', FOUR, {"run0": "test", "run1": "train", "run2": "train",
+                                    "run3": "validation"}),
+        ('validation = ["run0"]', FOUR, {"run0": "validation", "run1": "train", "run2": "train",
+                                         "run3": "test"}),
+        ('test = ["run0.csv"]', FOUR[:2], {"run0": "test", "run1-train": "train",
+                                           "run1-validation": "validation"}),
+        ('held_out = "time"\ntest = ["run0"]', FOUR[:3], {
+            "run0": "test", "run1-train": "train", "run1-validation": "validation",
+            "run2-train": "train", "run2-validation": "validation"}),
+    ],
+)  # fmt: skip
+def test_one_list_alone_names_a_split_and_the_other_is_drawn_from_the_rest(
+    here: Path, lists: str, files: tuple[str, ...], splits: dict[str, str]
+) -> None:
+    assert split_by(here, lists, *files) == splits
+
+
+def test_a_day_is_held_out_by_its_folder(here: Path) -> None:
+    for day, k in (("d1", 0), ("d1", 1), ("d2", 2), ("d2", 3), ("d3", 0)):
+        (here / day).mkdir(exist_ok=True)
+        (here / day / f"run{k}-{day}.csv").write_text(Path(f"run{k}.csv").read_text())
+    given = ("d1/run0-d1.csv", "d1/run1-d1.csv", "d2/run2-d2.csv", "d2/run3-d2.csv",
+             "d3/run0-d3.csv")  # fmt: skip
+    days = {"run0-d1": "train", "run1-d1": "train", "run2-d2": "test", "run3-d2": "test",
+            "run0-d3": "validation"}  # fmt: skip
+    lists = 'validation = ["d3/*"]\ntest = ["d2/run?-d2"]'
+    assert split_by(here, lists, *given) == days
+    assert split_by(here, lists, *(str(here / file) for file in given)) == days
+    assert "test" in split_by(here, 'test = ["run?-d2"]', *given).values()
+
+
+@pytest.mark.parametrize(
+    ("lists", "sentence"),
+    [
+        ('test = ["run3", "d1/*"]',
+         r"^named\.toml: training\.test: 'd1/\*' matches no log; there are run0\.csv, run1\.csv,"
+         r" run2\.csv, run3\.csv\.$"),
+        ('validation = ["RUN0*"]', r"training\.validation: 'RUN0\*' matches no log"),
+        ('validation = ["run*3"]\ntest = ["run3*"]', r"run3\.csv is in validation and in test"),
+        ('test = ["run*"]', r"match all 4 logs, and none is left for training"),
+    ],
+)  # fmt: skip
+def test_a_pattern_that_cannot_be_meant_is_refused(here: Path, lists: str, sentence: str) -> None:
+    with pytest.raises(wd.UnusableInput, match=sentence):
+        split_by(here, lists, *FOUR)
+
+
+def test_the_recording_that_is_shorter_than_the_window_is_named(here: Path) -> None:
+    lines = Path("run2.csv").read_text().splitlines()
+    Path("short.csv").write_text("\n".join(lines[:12]))
+    with pytest.raises(
+        wd.UnusableInput, match=r"^short: lasts 0\.11 s and is the longest of the te"
+    ):
+        split_by(here, 'test = ["short"]', "run0.csv", "run1.csv", "short.csv")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [

@@ -118,9 +118,9 @@ class Training(_Table):
 
     None: files where there are at least three.
     """
-    validation: tuple[str, ...] = ()
-    test: tuple[str, ...] = ()
-    """Patterns of file names; where they are given, they decide and all else is for training."""
+    validation: tuple[Address, ...] = ()
+    test: tuple[Address, ...] = ()
+    """Patterns of file names, or of paths as `d1/*`; a split without one is drawn from the rest."""
     loss_weights: Mapping[Name, Annotated[float, Field(gt=0)]] = {}
     """By the name of the force; 1 where nothing is said."""
 
