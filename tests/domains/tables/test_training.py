@@ -171,6 +171,89 @@ def test_a_set_has_every_number_of_an_observation_that_is_slower_than_its_rate(h
         np.testing.assert_allclose(seen, held, atol=1e-9)
 
 
+def slow_force(*, jitter_s: float = 0.0) -> None:
+    """Observations at 20 Hz and a force of 0.3 Hz, seen at 4 Hz, for 100 s."""
+    t, slow_t = np.arange(2000) / 20, np.arange(400) / 4
+    t = t + np.random.default_rng(0).uniform(-jitter_s, jitter_s, 2000)
+    np.savez("slow.npz", t=t, v=np.sin(t), f=np.sin(0.6 * np.pi * slow_t), slow_t=slow_t)
+
+
+SLOW = COLUMNS.replace('"f"', '"f"\ntime = "slow_t"').replace('"gf"', '"N"')
+SLOW += "%s\n[resample]\nrate_hz = 20\n"
+
+
+def errors_n(made: wd.EpisodeSet) -> np.ndarray:
+    found = np.concatenate([episode.force[:, 0] for episode in made.episodes])
+    return np.asarray(found - np.sin(0.6 * np.pi * np.arange(len(found)) / 20))
+
+
+def test_a_force_that_is_slower_than_the_rate_is_said_and_may_look_ahead(here: Path) -> None:
+    slow_force()
+    Path("columns.toml").write_text(SLOW % "", "utf-8")
+    staircase = wd.import_table("slow.npz", "columns.toml")
+    (note,) = staircase.provenance["notes"]
+    assert "column 'f': 80 % of the ticks repeat a sample, which is 0.1 s old on average" in note
+    assert 'resample = "interpolate" in [columns.drag]' in note
+    Path("columns.toml").write_text(SLOW % 'resample = "interpolate"', "utf-8")
+    ahead = wd.import_table("slow.npz", "columns.toml")
+    assert ahead.provenance["notes"] == []
+    rms = [np.sqrt(np.mean(errors_n(made) ** 2)) for made in (staircase, ahead)]
+    assert rms[1] < 0.15 * rms[0]
+
+
+def test_a_force_that_is_faster_than_the_rate_is_its_mean_over_each_tick(here: Path) -> None:
+    t, fast_t = np.arange(2000) / 20, np.arange(100_000) / 1000
+    f = np.sin(fast_t) + np.sin(2 * np.pi * 90.7 * fast_t)  # the hum folds to 9.3 Hz
+    np.savez("slow.npz", t=t, v=np.sin(t), f=f, slow_t=fast_t)
+    Path("columns.toml").write_text(SLOW % "", "utf-8")
+    folded = wd.import_table("slow.npz", "columns.toml")
+    assert any("98 % of the samples are the newest at no tick, and are lost" in str(note)
+               and 'resample = "average"' in str(note)
+               for note in folded.provenance["notes"])  # fmt: skip
+    Path("columns.toml").write_text(SLOW % 'resample = "average"', "utf-8")
+    made = wd.import_table("slow.npz", "columns.toml")
+    assert made.provenance["notes"] == []
+    found = np.concatenate([episode.force[:, 0] for episode in made.episodes])
+    by_hand = [f[max(at - 25, 0) : at + 26] for at in 50 * np.arange(len(found))]
+    wanted = [np.trapezoid(part) / (len(part) - 1) for part in by_hand]
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+def test_samples_that_no_tick_took_are_said(here: Path) -> None:
+    slow_force(jitter_s=0.02)
+    Path("columns.toml").write_text(SLOW % 'resample = "interpolate"', "utf-8")
+    made = wd.import_table("slow.npz", "columns.toml")
+    stamps_s = np.load("slow.npz")["t"]
+    lost, repeats = made.provenance["notes"][1], made.provenance["notes"][0]
+    ticks_s = np.arange(sum(map(len, made.episodes))) / 20 + stamps_s[0]
+    seen = np.concatenate([episode.observation[:, 0] for episode in made.episodes])
+    taken = len(np.unique(seen)) / len(stamps_s)
+    assert abs(float(lost.split("'v': ")[1].split(" %")[0]) / 100 - (1 - taken)) < 0.01
+    assert "a higher [resample] rate_hz takes more of them" in lost
+    assert "% of the ticks repeat a sample" in repeats
+    assert len(ticks_s) == len(seen)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('role = "observation"', 'role = "observation"\nresample = "interpolate"',
+         'columns.speed: resample = "interpolate" knows later samples, which only a force may'),
+        ('role = "force"', 'role = ["force", "output"]\nresample = "average"',
+         "which only a force may"),
+        ('role = "force"', 'role = "force"\nresample = "interpolate"',
+         "columns.drag.resample needs a rate: give [resample] rate_hz"),
+        ('role = "force"', 'role = "force"\nresample = "cubic"', "'interpolate' or 'average'"),
+        ('role = "force"', 'role = "force"\nevent = true\nresample = "average"', "delete event"),
+    ],
+)  # fmt: skip
+def test_only_a_force_may_know_later_samples(here: Path, old: str, new: str, sentence: str) -> None:
+    Path("columns.toml").write_text(COLUMNS.replace(old, new), "utf-8")
+    with pytest.raises(wd.UnusableInput) as told:
+        wd.import_table("run0.csv", "columns.toml")
+    assert sentence in str(told.value)
+
+
 def test_logs_of_two_rates_need_one(here: Path) -> None:
     lines = Path("run1.csv").read_text().splitlines()
     Path("half.csv").write_text("\n".join(lines[:1] + lines[1::2]))

@@ -19,6 +19,8 @@ from wakedeploy.core.validation import first_problem
 VERSION = 1
 Role = Literal["input", "output", "observation", "force", "unused"]
 Angle = Literal["yaw", "pitch", "roll"]
+Method = Literal["hold", "low-pass"]
+Ahead = Literal["interpolate", "average"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
 Address = Annotated[str, StringConstraints(min_length=1, max_length=300)]
 _MOST_HZ = 1e5
@@ -57,12 +59,14 @@ class TimeBase(_Table):
 class Resampling(_Table):
     """The even rate that all columns are brought to; without this table samples stay as they are.
 
+    A force may have a way of its own, see `Column.resample`.
+
     "hold" takes the newest sample at or before each tick. "low-pass" filters what is held by a
     second-order Butterworth filter that knows no later sample, for every column alike.
     """
 
     rate_hz: float = Field(gt=0, le=_MOST_HZ)
-    method: Literal["hold", "low-pass"] = "hold"
+    method: Method = "hold"
     cutoff_hz: float | None = Field(default=None, gt=0)
     """Of the low-pass filter; a quarter of the rate where nothing is said."""
 
@@ -150,6 +154,12 @@ class Column(_Table):
     A reading that is held is not measured: there "hold" says that rows of other columns lie between
     its own.
     """
+    resample: Ahead | None = None
+    """How a force is brought to the rate, where that is not the `method` of all columns.
+
+    "interpolate" is for a force that is slower than the rate, "average" over the tick for a faster
+    one. Both know later samples, as what is learnt may, and what is seen may not.
+    """
     wraps: bool | None = None
     """Of an angle, whether it begins again after a turn, which is then taken out; False leaves it.
 
@@ -172,6 +182,20 @@ class Column(_Table):
         if isinstance(raw, dict) and "quaternion" in raw:
             return {"unit": "rad"} | raw
         return raw
+
+    @pydantic.model_validator(mode="after")
+    def _ahead_only_of_a_force(self) -> "Column":
+        if self.resample is not None and set(self.roles) - {"unused"} != {"force"}:
+            raise ValueError(
+                f'resample = "{self.resample}" knows later samples, which only a force may: give'
+                ' role = "force" alone, or delete resample'
+            )
+        if self.resample is not None and (self.missing == "nan" or self.event):
+            raise ValueError(
+                f'resample = "{self.resample}" needs numbers on both sides; delete event, and'
+                ' missing = "nan"'
+            )
+        return self
 
     @pydantic.model_validator(mode="after")
     def _one_place(self) -> "Column":
@@ -244,6 +268,15 @@ class Columns(_Table):
     training: Training = Training()
     columns: Mapping[Name, Column] = Field(min_length=1)
     _file: str = pydantic.PrivateAttr("columns.toml")
+
+    @pydantic.model_validator(mode="after")
+    def _resampled_to_a_rate(self) -> "Columns":
+        for name, column in self.columns.items():
+            if column.resample is not None and self.resample is None:
+                raise ValueError(
+                    f"columns.{name}.resample needs a rate: give [resample] rate_hz, or delete it"
+                )
+        return self
 
     @property
     def file(self) -> str:

@@ -56,8 +56,7 @@ def read_recordings(
     if not paths:
         raise UnusableInput("No log was given; name at least one file.")
     wanted = {
-        name: Wanted(name, c, (units or {}).get(name), columns.file)
-        for name, c in columns.used.items()
+        name: Wanted(name, c, (units or {}).get(name), columns) for name, c in columns.used.items()
     }
     if not units:  # where a system asks, its units count
         for column in wanted.values():
