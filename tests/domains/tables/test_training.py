@@ -254,6 +254,76 @@ def test_only_a_force_may_know_later_samples(here: Path, old: str, new: str, sen
     assert sentence in str(told.value)
 
 
+COPIES = [
+    COLUMNS.replace('role = "force"', 'role = ["force", "observation"]'),
+    COLUMNS + '[columns.seen]\ncolumn = "f"\nrole = "observation"\nunit = "gf"\n',
+]
+
+
+@pytest.mark.parametrize("text", COPIES)
+def test_a_force_that_is_seen_needs_a_lead(here: Path, text: str) -> None:
+    Path("columns.toml").write_text(text, "utf-8")
+    with pytest.raises(wd.UnusableInput, match=r"columns\.toml: columns\.drag: 'f' is observation"
+                       r" and force, and a predictor would copy it; delete .* lead_s"):  # fmt: skip
+        wd.import_table("run0.csv", "columns.toml")
+    Path("columns.toml").write_text(text.replace("[training]", "[training]\nlead_s = 0.1"), "utf-8")
+    made = wd.import_table("run0.csv", "columns.toml")
+    assert made.provenance["default_lead_s"] == 0.1
+    assert sum("'f' is observation and force: only with a lead" in note
+               for note in made.provenance["notes"]) == 1  # fmt: skip
+
+
+def test_the_lead_of_a_set_is_what_training_asks_for(here: Path) -> None:
+    trainer = pytest.importorskip("trainers.training.trainer")
+    without = wd.import_table("run0.csv", "columns.toml")
+    assert trainer.chosen_lead_s(without, None) == 0.0
+    text = COLUMNS.replace("[training]", "[training]\nlead_s = 0.25")
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("run0.csv", "columns.toml")
+    assert (trainer.chosen_lead_s(made, None), trainer.chosen_lead_s(made, 0.1)) == (0.25, 0.1)
+
+
+def with_constant(role: str) -> str:
+    for k in range(3):
+        v = np.sin(np.arange(400) / 9 + k)
+        np.savetxt(f"run{k}.csv", np.column_stack([np.arange(400) / 100, v, v * v, v * 0 + 293.15]),
+                   delimiter=",", header="t,v,f,temperature", comments="")  # fmt: skip
+    return COLUMNS + f'[columns.air_k]\ncolumn = "temperature"\nrole = "{role}"\nunit = "K"\n'
+
+
+def test_an_observation_that_never_changes_is_said(here: Path) -> None:
+    Path("columns.toml").write_text(with_constant("observation"), "utf-8")
+    (note,) = wd.import_table(["run0.csv", "run1.csv", "run2.csv"], "columns.toml").provenance[
+        "notes"
+    ]
+    assert "the observation air_k is 293.15 in all recordings for training" in note
+    assert note.endswith("leave it out")
+
+
+def test_a_force_that_never_changes_is_refused(here: Path) -> None:
+    Path("columns.toml").write_text(with_constant("force"), "utf-8")
+    sentence = r"columns\.air_k: the force 'temperature' is 293\.15"
+    with pytest.raises(wd.UnusableInput, match=sentence):
+        wd.import_table("run0.csv", "columns.toml")
+
+
+def test_what_missing_numbers_leave_out_is_said_in_seconds(here: Path) -> None:
+    """Two rows at 1 s and two at 1.1 s: the piece between is no longer than the window."""
+    lines = Path("run0.csv").read_text().splitlines()
+    for row in (100, 101, 110, 111):
+        lines[1 + row] = lines[1 + row].rpartition(",")[0] + ","
+    Path("run0.csv").write_text("\n".join(lines))
+    text = COLUMNS.replace('unit = "gf"', 'unit = "gf"\nmissing = "split"')
+    Path("columns.toml").write_text(text.replace("[training]", '[training]\nheld_out = "files"'))
+    made = wd.import_table(["run0.csv", "run1.csv", "run2.csv"], "columns.toml")
+    blanks, holes, short = made.provenance["notes"]
+    assert "4 of 400 samples have no number, and a recording ends there" in blanks
+    left_out = "between the pieces of logs, at 2 places, 0.04 s, 0.33 % of 12 s, are left out"
+    assert holes == left_out
+    assert short.startswith("of 5 pieces, 1 last no longer than the window of 0.2 s, 0.08 s,")
+    assert sum(map(len, made.episodes)) == 1200 - 4 - 8
+
+
 def test_logs_of_two_rates_need_one(here: Path) -> None:
     lines = Path("run1.csv").read_text().splitlines()
     Path("half.csv").write_text("\n".join(lines[:1] + lines[1::2]))

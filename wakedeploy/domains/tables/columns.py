@@ -117,6 +117,8 @@ class Training(_Table):
     """What the set is called in run folders and packages."""
     window_s: float = Field(default=0.5, gt=0, le=1e3)
     """The history that a window model sees."""
+    lead_s: float = Field(default=0.0, ge=0, le=3600)
+    """How far ahead the force is that `train` asks for, where it is not told another lead."""
     held_out: Literal["files", "time"] | None = None
     """What validation and test are: whole files, or the last 30 % of each recording.
 

@@ -93,6 +93,8 @@ class Remarks:
 
 def _on_blanks(tally: _Tally) -> str:
     column = tally.column
+    if column.wanted.column.missing == "split" and tally.blank:
+        return f"{tally.blank} of {tally.rows} samples have no number, and a recording ends there"
     if column.wanted.column.missing != "hold" or not tally.blank:
         return ""
     if column.is_reading:

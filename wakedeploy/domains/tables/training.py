@@ -15,6 +15,12 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.version import VERSION
 from wakedeploy.domains.tables.columns import Columns, Role
+from wakedeploy.domains.tables.learnable import (
+    on_constants,
+    on_copies,
+    on_what_is_left_out,
+    require_roles,
+)
 from wakedeploy.domains.tables.reading import Progress, Reading, read_recordings
 from wakedeploy.domains.tables.splits import long_enough, split_pieces
 
@@ -39,11 +45,15 @@ def import_set(
     Raises:
         UnusableInput: Names file, column, row and reason.
     """
-    _require_roles(columns)
+    require_roles(columns)
+    copies = tuple(on_copies(columns))
     reading = read_recordings(paths, columns, progress=progress)
     rate_hz = _rate_hz(reading)
     found = split_pieces(reading.pieces, columns)
     pieces = long_enough(found, columns.training.window_s, rate_hz)
+    constants = on_constants(pieces, columns)
+    left_out = on_what_is_left_out(reading, found, pieces, columns)
+    notes = (*reading.notes, *copies, *constants, *left_out)
     return EpisodeSet(
         domain=columns.training.name,
         rate_hz=rate_hz,
@@ -53,24 +63,8 @@ def import_set(
         loss_weights=_loss_weights(columns),
         split={name: split for split, name, _ in pieces},
         episodes=tuple(_episode(name, piece, columns) for _, name, piece in pieces),
-        provenance=_provenance(reading, columns, len(found) - len(pieces)),
+        provenance=_provenance(reading, columns, notes),
     )
-
-
-def _require_roles(columns: Columns) -> None:
-    needed: tuple[Role, ...] = ("observation", "force")
-    for role in needed:
-        if not columns.with_role(role):
-            raise UnusableInput(
-                f"{columns.file}: no column has the role {role!r}; a set for training needs"
-                " observations and forces."
-            )
-    for name, column in columns.with_role("observation", "force").items():
-        if column.missing == "nan":
-            raise UnusableInput(
-                f'{columns.file}: columns.{name}.missing = "nan" is nothing to learn from; give'
-                ' "hold" or "split".'
-            )
 
 
 def _rate_hz(reading: Reading) -> float:
@@ -119,16 +113,15 @@ def _array(name: str, piece: Recording, columns: Columns, role: Role) -> Array:
     return values.astype(np.float32)
 
 
-def _provenance(reading: Reading, columns: Columns, too_short: int) -> dict[str, JsonValue]:
-    notes: list[JsonValue] = list(reading.notes)
-    if too_short:
-        notes.append(f"{too_short} pieces are no longer than the window and were left out")
-    return {
+def _provenance(reading: Reading, columns: Columns, notes: Sequence[str]) -> dict[str, JsonValue]:
+    made: dict[str, JsonValue] = {
         "generator": f"wakedeploy {VERSION} table",
         "columns": columns.model_dump(mode="json", exclude_defaults=True),
         "files": dict(_hashes(reading.pieces)),
-        "notes": notes,
+        "notes": list(notes),
     }
+    lead_s = columns.training.lead_s
+    return made | {"default_lead_s": lead_s} if lead_s else made
 
 
 def _hashes(pieces: Mapping[Path, object]) -> Iterator[tuple[str, str]]:
