@@ -283,6 +283,20 @@ def test_the_lead_of_a_set_is_what_training_asks_for(here: Path) -> None:
     assert (trainer.chosen_lead_s(made, None), trainer.chosen_lead_s(made, 0.1)) == (0.25, 0.1)
 
 
+def test_a_filter_is_part_of_what_training_is_told(here: Path) -> None:
+    text = COLUMNS + '[resample]\nrate_hz = 50\nmethod = "low-pass"\ncutoff_hz = 5\n'
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("run0.csv", "columns.toml")
+    filtered = "second-order Butterworth low-pass, 5 Hz"
+    assert made.provenance["filtered"] == {"speed": filtered}
+    assert any("low-pass filter of 5 Hz; in flight filter them likewise" in note
+               for note in made.provenance["notes"])  # fmt: skip
+    trainer = pytest.importorskip("trainers.training.trainer")
+    made.write("set")
+    config = trainer.configure(wd.EpisodeSet.read("set"), "agile-mlp", seed=0, lead_s=0.0)
+    assert [channel.filtered for channel in config.observation] == [filtered]
+
+
 def with_constant(role: str) -> str:
     for k in range(3):
         v = np.sin(np.arange(400) / 9 + k)

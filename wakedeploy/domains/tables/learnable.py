@@ -77,6 +77,16 @@ def on_constants(pieces: Pieces, columns: Columns) -> Iterator[str]:
         )
 
 
+def on_filter(columns: Columns) -> Iterator[str]:
+    """That a loop has to filter what was filtered here."""
+    if columns.resample and columns.resample.method == "low-pass":
+        yield (
+            "observations went through a low-pass filter of"
+            f" {columns.resample.effective_cutoff_hz:g} Hz; in flight filter them likewise, as the"
+            " package's description says"
+        )
+
+
 def on_what_is_left_out(
     reading: Reading, found: Pieces, kept: Pieces, columns: Columns
 ) -> Iterator[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import JsonValue
 
-from wakedeploy.core.episodes import Array, Channel, Episode, EpisodeSet
+from wakedeploy.core.episodes import FILTERED, Array, Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.version import VERSION
@@ -18,6 +18,7 @@ from wakedeploy.domains.tables.columns import Columns, Role
 from wakedeploy.domains.tables.learnable import (
     on_constants,
     on_copies,
+    on_filter,
     on_what_is_left_out,
     require_roles,
 )
@@ -53,7 +54,7 @@ def import_set(
     pieces = long_enough(found, columns.training.window_s, rate_hz)
     constants = on_constants(pieces, columns)
     left_out = on_what_is_left_out(reading, found, pieces, columns)
-    notes = (*reading.notes, *copies, *constants, *left_out)
+    notes = (*reading.notes, *copies, *constants, *left_out, *on_filter(columns))
     return EpisodeSet(
         domain=columns.training.name,
         rate_hz=rate_hz,
@@ -120,8 +121,12 @@ def _provenance(reading: Reading, columns: Columns, notes: Sequence[str]) -> dic
         "files": dict(_hashes(reading.pieces)),
         "notes": list(notes),
     }
-    lead_s = columns.training.lead_s
-    return made | {"default_lead_s": lead_s} if lead_s else made
+    if columns.training.lead_s:
+        made["default_lead_s"] = columns.training.lead_s
+    if columns.resample and columns.resample.method == "low-pass":
+        told = f"second-order Butterworth low-pass, {columns.resample.effective_cutoff_hz:g} Hz"
+        made[FILTERED] = dict.fromkeys(columns.with_role("observation"), told)
+    return made
 
 
 def _hashes(pieces: Mapping[Path, object]) -> Iterator[tuple[str, str]]:
