@@ -212,6 +212,27 @@ def stated_sha256(folder: Path) -> str:
     return _read_document(folder / DESCRIPTION).sha256
 
 
+@dataclass(frozen=True)
+class StatedContents:
+    """What a set's description states, its arrays unread and unchecked."""
+
+    domain: str
+    episodes: int
+    minutes: float
+    sha256: str
+
+
+def stated_contents(folder: Path) -> StatedContents | None:
+    """What the set in a folder states of itself; None where there is none that can be read."""
+    try:
+        read = _read_document(folder / DESCRIPTION)
+    except UnusableInput:
+        return None
+    steps = sum(episode.steps for episode in read.episodes)
+    minutes = steps / read.rate_hz / 60.0 if read.rate_hz > 0.0 else 0.0
+    return StatedContents(read.domain, len(read.episodes), minutes, read.sha256)
+
+
 # --- checks -------------------------------------------------------------------------------------
 
 

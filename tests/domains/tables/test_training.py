@@ -370,6 +370,32 @@ def test_the_command_guesses_imports_and_never_overwrites(here: Path) -> None:
     assert "--out" in told
 
 
+def test_a_set_that_is_replaced_is_told(here: Path) -> None:
+    words = ("data", "import", "table", "--columns", "columns.toml", "--out", "set")
+    assert "replaced" not in wakedeploy(*words, *FOUR)
+    assert "replaced" not in wakedeploy(*words, *FOUR)  # the same again
+    told = wakedeploy(*words, "run0.csv")
+    assert ("set: 3 episodes, 0.1 min, replaced the set that was there: axis, 4 episodes, 0.3 min."
+            in told)  # fmt: skip
+
+
+def test_no_set_is_written_between_the_logs(here: Path) -> None:
+    Path("day").mkdir()
+    Path("run0.csv").rename("day/run0.csv")
+    before = sorted(path.name for path in Path("day").iterdir())
+    words = ("data", "import", "table", "--columns", "columns.toml")
+    for out in ("day", str(here / "day"), "day/../day"):
+        told = wakedeploy(*words, "day/run0.csv", "--out", out, status=2)
+        assert f"{out}: holds the log day/run0.csv; give --out a folder of its own" in told
+    assert "holds the log day" in wakedeploy(*words, "day", "--out", "day/set", status=2)
+    assert sorted(path.name for path in Path("day").iterdir()) == before
+    wakedeploy(*words, "day/run0.csv", "--out", "day/set")
+
+
+def test_the_help_of_import_names_logs_of_ones_own() -> None:
+    assert "logs of your own by `table`" in wakedeploy("data", "import", "--help")
+
+
 def test_recordings_in_the_units_of_a_system(here: Path) -> None:
     (one,) = wd.read_log("run0.csv", "columns.toml", units={"speed": "m/s", "drag": "mN"})
     assert one.columns["speed"].max() == pytest.approx(0.1, abs=1e-4)

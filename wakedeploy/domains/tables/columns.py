@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pydantic
-from pydantic import Field, StringConstraints
+from pydantic import AfterValidator, Field, StringConstraints
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import text_of, toml_of
@@ -21,7 +21,21 @@ Role = Literal["input", "output", "observation", "force", "unused"]
 Angle = Literal["yaw", "pitch", "roll"]
 Method = Literal["hold", "low-pass"]
 Ahead = Literal["interpolate", "average"]
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
+
+
+def _channel_name(name: str) -> str:
+    if re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,63}", name) is None:
+        raise ValueError("a name is a letter, then up to 63 letters, digits and _")
+    return name
+
+
+def _set_name(name: str) -> str:
+    if re.fullmatch(r"[a-z][a-z0-9-]{0,40}", name) is None:
+        raise ValueError("a name is a small letter, then up to 40 small letters, digits and -")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_channel_name)]
 Address = Annotated[str, StringConstraints(min_length=1, max_length=300)]
 _MOST_HZ = 1e5
 _LARGEST_SHIFT_S = 1e10  # three hundred years: between a clock since 1970 and one since a start
@@ -113,7 +127,7 @@ class Delimited(_Table):
 class Training(_Table):
     """What an episode set needs beside the columns."""
 
-    name: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9-]{0,40}$")] = "table"
+    name: Annotated[str, AfterValidator(_set_name)] = "table"
     """What the set is called in run folders and packages."""
     window_s: float = Field(default=0.5, gt=0, le=1e3)
     """The history that a window model sees."""
@@ -332,5 +346,6 @@ def parse_columns(text: str, name: str = "columns.toml") -> Columns:
 
 
 def _clause(problem: str) -> str:
-    """A problem without pydantic's names for the two ways in which a role may be written."""
+    """A problem without pydantic's words for keys, and for the two ways to write a role."""
+    problem = re.sub(r"\.\[key\](?=[ :])", "", problem)
     return re.sub(r"\.(literal|tuple)\[[^=]*?\](?=[ :.])", "", problem).rstrip(".")
