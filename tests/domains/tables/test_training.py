@@ -201,6 +201,19 @@ def test_a_force_that_is_slower_than_the_rate_is_said_and_may_look_ahead(here: P
     assert rms[1] < 0.15 * rms[0]
 
 
+def test_a_force_in_few_rows_of_a_table_lies_on_lines_between_them(here: Path) -> None:
+    t = np.arange(2000) / 20
+    cells = [repr(float(np.sin(0.6 * np.pi * s))) if k % 5 == 0 else "" for k, s in enumerate(t)]
+    rows = [f"{a!r},{float(np.sin(a))!r},{b}" for a, b in zip(t.tolist(), cells, strict=True)]
+    Path("table.csv").write_text("\n".join(["t,v,f", *rows]))
+    text = (SLOW % 'missing = "hold"\nresample = "interpolate"').replace('time = "slow_t"', "")
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("table.csv", "columns.toml")
+    (note,) = made.provenance["notes"]
+    assert note.endswith("column 'f': 1600 samples have no number; the others alone are taken")
+    assert np.sqrt(np.mean(errors_n(made) ** 2)) < 0.03
+
+
 def test_a_force_that_is_faster_than_the_rate_is_its_mean_over_each_tick(here: Path) -> None:
     t, fast_t = np.arange(2000) / 20, np.arange(100_000) / 1000
     f = np.sin(fast_t) + np.sin(2 * np.pi * 90.7 * fast_t)  # the hum folds to 9.3 Hz
@@ -224,13 +237,14 @@ def test_samples_that_no_tick_took_are_said(here: Path) -> None:
     Path("columns.toml").write_text(SLOW % 'resample = "interpolate"', "utf-8")
     made = wd.import_table("slow.npz", "columns.toml")
     stamps_s = np.load("slow.npz")["t"]
-    lost, repeats = made.provenance["notes"][1], made.provenance["notes"][0]
+    (note,) = made.provenance["notes"]
+    repeats, lost = note.split("a sample, ")
     ticks_s = np.arange(sum(map(len, made.episodes))) / 20 + stamps_s[0]
     seen = np.concatenate([episode.observation[:, 0] for episode in made.episodes])
     taken = len(np.unique(seen)) / len(stamps_s)
-    assert abs(float(lost.split("'v': ")[1].split(" %")[0]) / 100 - (1 - taken)) < 0.01
+    assert abs(float(lost.split("; ")[1].split(" %")[0]) / 100 - (1 - taken)) < 0.01
     assert "a higher [resample] rate_hz takes more of them" in lost
-    assert "% of the ticks repeat a sample" in repeats
+    assert "column 'v'" in repeats
     assert len(ticks_s) == len(seen)
 
 

@@ -82,8 +82,9 @@ class Remarks:
         """A sentence for each column and thing that was noticed."""
         for tally in self._tallies.values():
             place, doubt = tally.column.place, tally.column.wanted.doubt
-            on_ticks = "; ".join(filter(None, (_on_ticks(tally), _on_repeats(tally))))
-            for said in (_on_blanks(tally), doubt, _on_turns(tally), on_ticks, _on_lost(tally)):
+            of_ticks = (_on_ticks(tally), _on_repeats(tally), _on_lost(tally))
+            on_ticks = "; ".join(filter(None, of_ticks))
+            for said in (_on_blanks(tally), doubt, _on_turns(tally), on_ticks):
                 if said:
                     yield f"{place.log.path}, column {place.address!r}: {said}"
 
@@ -102,6 +103,8 @@ def _on_blanks(tally: _Tally) -> str:
             return ""  # the ticks say it
         there = tally.rows - tally.blank
         return f"{there} of {tally.rows} samples have a number; the others are not measured"
+    if column.wanted.column.resample is not None:
+        return f"{tally.blank} samples have no number; the others alone are taken"
     counts = ", and counts as measured" if _is_output(column) else ""
     return f"{tally.blank} samples have no number; the last one is held{counts}"
 
