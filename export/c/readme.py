@@ -30,7 +30,7 @@ float observation[{len(manifest.observation)}], force[{len(manifest.force)}];
 Units and ranges of every channel are in `{name}.h`. The force is that of a moment
 {manifest.lead_s:g} s after the newest observation. Do not use it before {manifest.warm_up_steps}
 steps have filled the memory.
-
+{_filters(model)}
 ## What it takes
 
 | | bytes |
@@ -55,6 +55,18 @@ more. The measure is the worst difference over the largest force, of the worst c
 To repeat it on any machine: `cc -O2 {name}.c {name}_test.c -lm && ./a.out`, or `wakedeploy
 check` on this folder. `-ffast-math` was not proved unless the table says so; with it, NaN in is no
 longer NaN out.
+"""
+
+
+def _filters(model: Model) -> str:
+    """That inputs have to be filtered, where they were in training."""
+    filtered = [channel.name for channel in model.manifest.observation if channel.filtered]
+    if not filtered:
+        return ""
+    names = ", ".join(f"`{name}`" for name in filtered)
+    return f"""
+In training these inputs were filtered: {names}.
+Filter them likewise before each step; `{model.name}.h` says how.
 """
 
 

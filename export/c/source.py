@@ -40,7 +40,7 @@ def header(model: Model) -> str:
 {_weights(model)}
 
    observation, with the range seen in training:
-{_channels(manifest.observation)}
+{_channels(manifest.observation)}{_filters(manifest)}
    force, with the limits beyond which none is given:
 {_limits(manifest)}
 */
@@ -201,6 +201,15 @@ def _channels(channels: Sequence[object]) -> str:
         f"     {i}  {c.name} [{_plain(c.unit)}], {c.min:.6g} to {c.max:.6g}"  # type: ignore[attr-defined]
         for i, c in enumerate(channels)
     )
+
+
+def _filters(manifest: Manifest) -> str:
+    """What to do to inputs before a step; nothing where they were learnt from as they came."""
+    filtered = [c for c in manifest.observation if c.filtered]
+    if not filtered:
+        return ""
+    lines = "\n".join(f"     {c.name}: {_plain(c.filtered)}" for c in filtered)
+    return f"\n   filter these likewise before each step, as they were in training:\n{lines}"
 
 
 def _limits(manifest: Manifest) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,7 @@ def a_set(steps: int) -> EpisodeSet:
         loss_weights=(1.0,),
         split={episode.name: episode.name for episode in episodes},
         episodes=tuple(episodes),
+        provenance={"filtered": {"dx_m": "low-pass, 5 Hz"}},
     )
 
 
@@ -106,6 +108,28 @@ def test_a_sound_package_passes_and_says_so(exported: Path, tmp_path: Path) -> N
         "max_abs": parity.max_abs, "max_rel": parity.max_rel, "steps": parity.steps,
     }  # fmt: skip
     assert result["replay"]["steps"] == 512
+
+
+def test_a_filter_of_the_set_is_told_to_who_steps_the_package(
+    exported: Path, tmp_path: Path
+) -> None:
+    channels = read_package(exported).manifest.observation
+    assert [channel.filtered for channel in channels] == ["low-pass, 5 Hz", ""]
+    told = read_package(exported).manifest.model_dump(mode="json")["observation"]
+    assert ["filtered" in channel for channel in told] == [True, False]
+    checked = wakedeploy("check", exported).output
+    assert "filter dx_m likewise" in checked
+    assert "low-pass, 5 Hz" in checked
+    assert "filter dz_m" not in checked
+    if shutil.which("cc") is None:
+        return
+    done = wakedeploy("export", "--package", exported, "--c", tmp_path / "c")
+    assert done.exit_code == 0, done.output
+    header = (tmp_path / "c" / "agile_mlp.h").read_text()
+    assert "filter these likewise before each step" in header
+    assert "dx_m: low-pass, 5 Hz" in header
+    assert "inputs were filtered: `dx_m`" in (tmp_path / "c" / "README.md").read_text()
+    assert "filter dx_m likewise" in wakedeploy("check", tmp_path / "c").output
 
 
 def test_the_check_runs_where_torch_and_onnx_are_missing(exported: Path, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ from trainers.training.runs import (
 )
 from trainers.training.score import Score, score
 from trainers.training.tape import Tape, lay_tape
-from wakedeploy.core.episodes import SPLITS, EpisodeSet
+from wakedeploy.core.episodes import FILTERED, SPLITS, EpisodeSet
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.files import remove_unfinished, sha256_of
 from wakedeploy.core.locks import one_at_a_time
@@ -223,16 +223,31 @@ def new_fit(
 
 
 def _observed(data: EpisodeSet) -> tuple[ObservationChannel, ...]:
-    """The observation channels with the range that each takes in the training episodes."""
+    """The observation channels, the range that each takes in training, and its filter in words."""
     episodes = data.part("train")
     if not episodes:
         raise UnusableInput(f"This {data.domain} set has no training episode; make it longer.")
+    filtered = _filtered(data)
     low = [min(float(e.observation[:, i].min()) for e in episodes) for i in _columns(data)]
     high = [max(float(e.observation[:, i].max()) for e in episodes) for i in _columns(data)]
     return tuple(
-        ObservationChannel(name=c.name, unit=c.unit, min=low[i], max=high[i])
+        ObservationChannel(
+            name=c.name, unit=c.unit, min=low[i], max=high[i], filtered=filtered.get(c.name, "")
+        )
         for i, c in enumerate(data.observation)
     )
+
+
+def _filtered(data: EpisodeSet) -> dict[str, str]:
+    """How observations of a set were filtered, by their names."""
+    stated = data.provenance.get(FILTERED, {})
+    if not isinstance(stated, dict) or not all(isinstance(text, str) for text in stated.values()):
+        where = "the set" if data.folder is None else data.folder / "dataset.json"
+        raise UnusableInput(
+            f"{where}: provenance.{FILTERED} has no text for each filtered observation; import the"
+            " set again."
+        )
+    return {name: str(text) for name, text in stated.items()}
 
 
 def _columns(data: EpisodeSet) -> range:

@@ -73,6 +73,7 @@ def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[
         ["limit", f"{manifest.parity.limit:.1e}"],
         *([f"possible {c.name}", f"{c.low:.3g} to {c.high:.3g} {c.unit}"] for c in manifest.force),
         ["at a limit, driven over its ranges", f"{100 * replayed.limited:.1f} % of the steps"],
+        *_filters(manifest),
         *fits,
     ]
 
@@ -101,8 +102,14 @@ def _checked_c(path: Path, rig_path: Path | None, result: dict[str, Any]) -> lis
         ["weights", document.weights],
         *rounding_rows(folder),
         *([f"possible {c.name}", f"{c.low:.3g} to {c.high:.3g} {c.unit}"] for c in manifest.force),
+        *_filters(manifest),
         *fits,
     ]
+
+
+def _filters(manifest: "Manifest") -> list[list[str]]:
+    """What the loop has to do to observations before each step."""
+    return [[f"filter {c.name} likewise", c.filtered] for c in manifest.observation if c.filtered]
 
 
 def _require_fit(manifest: "Manifest", rig_path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.data_of_domains import Domains, require_writable
+from wakedeploy.cli.data_of_domains import Domains, require_writable, write_set
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, stage_bars, warn, write_json
 from wakedeploy.core.errors import UnusableInput
@@ -139,7 +139,7 @@ def make() -> None:
 
 @command.group("import", cls=Domains, kind="Recorded", describe=_describe)
 def import_() -> None:
-    """Import public recordings in their original layout."""
+    """Import recordings: logs of your own by `table`, public ones in their original layout."""
 
 
 @import_.command("table")
@@ -178,13 +178,25 @@ def import_table(
         raise click.UsageError("Missing option '--out'.")
     from wakedeploy.api.logs import import_table as read
 
+    _require_apart(out, files)
     require_writable(out)
     with stage_bars() as bars:
         made = read(files, columns_path, progress=bars)
-    made.write(out)
+    write_set(made, out)
     _describe(made, out, json_path)
     for note in made.provenance.get("notes", ()):  # type: ignore[union-attr]
         warn(f"{note}.")
+
+
+def _require_apart(out: Path, files: tuple[Path, ...]) -> None:
+    """UnusableInput where a set would be written between the logs, or into one that is a folder."""
+    for file in files:
+        log = file.resolve()
+        if out.resolve() in (log, log.parent) or log in out.resolve().parents:
+            raise UnusableInput(
+                f"{out}: holds the log {file}; give --out a folder of its own, so that the set does"
+                " not lie between logs."
+            )
 
 
 def _guess(log: Path, columns_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.groups import Group
-from wakedeploy.cli.output import json_option, stage_bars
+from wakedeploy.cli.output import json_option, stage_bars, warn
 from wakedeploy.core.discovery import DOMAIN, offers
 from wakedeploy.core.errors import UnusableInput
 
@@ -90,7 +90,7 @@ def _simulation(name: str, known: "Simulated", describe: Describe) -> click.Comm
         require_writable(out)
         with stage_bars() as bars:
             made = make_set(name, progress=bars, **settings)
-        made.write(out)
+        write_set(made, out)
         describe(made, out, json_path)
 
     command = click.command(name, help=_help(f"make {name}", known))(simulate)
@@ -112,7 +112,7 @@ def _import(name: str, known: "Recorded", describe: Describe) -> click.Command:
 
         with stage_bars() as bars:
             made = import_set(name, path, progress=bars, **settings)
-        made.write(out)
+        write_set(made, out)
         describe(made, out, json_path)
 
     command = click.command(name, help=_help(f"import {name}", known))(read)
@@ -156,6 +156,20 @@ def _option(setting: "Setting") -> Callable[..., Any]:
         multiple=True,
         help=setting.help,
     )
+
+
+def write_set(made: "EpisodeSet", out: Path) -> None:
+    """Write a set into its folder, and say of another one that lay there what it was."""
+    from wakedeploy.core.episodes import stated_contents
+
+    before = stated_contents(out)
+    made.write(out)
+    if before is not None and before.sha256 != made.sha256:
+        minutes = sum(map(len, made.episodes)) / made.rate_hz / 60.0
+        warn(
+            f"{out}: {len(made.episodes)} episodes, {minutes:.1f} min, replaced the set that was"
+            f" there: {before.domain}, {before.episodes} episodes, {before.minutes:.1f} min."
+        )
 
 
 def require_writable(out: Path) -> None:

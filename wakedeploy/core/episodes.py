@@ -31,6 +31,7 @@ SCHEMA = 1
 DESCRIPTION = "dataset.json"
 SPLITS = ("train", "validation", "test")
 WINDOW_SNAPSHOTS = 30
+FILTERED = "filtered"  # in a set's provenance: how observations were filtered, in words, by name
 OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
 
 _EPISODE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -209,6 +210,27 @@ def read_episode_set(folder: Path) -> EpisodeSet:
 def stated_sha256(folder: Path) -> str:
     """The content hash that a set's description states, its arrays unread and unchecked."""
     return _read_document(folder / DESCRIPTION).sha256
+
+
+@dataclass(frozen=True)
+class StatedContents:
+    """What a set's description states, its arrays unread and unchecked."""
+
+    domain: str
+    episodes: int
+    minutes: float
+    sha256: str
+
+
+def stated_contents(folder: Path) -> StatedContents | None:
+    """What the set in a folder states of itself; None where there is none that can be read."""
+    try:
+        read = _read_document(folder / DESCRIPTION)
+    except UnusableInput:
+        return None
+    steps = sum(episode.steps for episode in read.episodes)
+    minutes = steps / read.rate_hz / 60.0 if read.rate_hz > 0.0 else 0.0
+    return StatedContents(read.domain, len(read.episodes), minutes, read.sha256)
 
 
 # --- checks -------------------------------------------------------------------------------------

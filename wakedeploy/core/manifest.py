@@ -16,6 +16,8 @@ from pydantic import (
     ConfigDict,
     Field,
     JsonValue,
+    SerializerFunctionWrapHandler,
+    model_serializer,
     model_validator,
 )
 
@@ -91,7 +93,19 @@ class _Ranged(Quantity):
 
 
 class ObservationChannel(_Ranged):
-    """One input of the predictor, with the range that it took in the training episodes."""
+    """One input of the predictor, with the range that it took in the training episodes.
+
+    `filtered` says how it was filtered before it was learnt from; who steps the predictor has to
+    filter likewise. Empty where it was not.
+    """
+
+    filtered: Text = ""
+
+    @model_serializer(mode="wrap")
+    def _told_where_filtered(self, rest: SerializerFunctionWrapHandler) -> dict[str, JsonValue]:
+        """Left out where it is empty: most packages then read as they always did."""
+        entries: dict[str, JsonValue] = rest(self)
+        return {name: value for name, value in entries.items() if name != "filtered" or value}
 
 
 class ForceChannel(_Ranged):

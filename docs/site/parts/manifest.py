@@ -23,7 +23,7 @@ MEANINGS = {
     "domain": "the set that it learned from",
     "rate_hz": "steps per second; the loop refuses another rate",
     "lead_s": "how far ahead of the newest observation the force is",
-    "observation": "the inputs in their order: name, unit, range in training",
+    "observation": "the inputs in their order: name, unit, range in training, how filtered",
     "force": "the outputs in their order: name, unit, range in training",
     "memory": "what it remembers from step to step",
     "warm_up_steps": "steps from a cold start until its memory is full",

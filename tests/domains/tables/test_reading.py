@@ -455,6 +455,15 @@ def test_names_of_recordings_are_distinct(tmp_path: Path) -> None:
         (BASE + U.replace('"input"', '"unused"'), "no column has a role yet"),
         ("version = 1\n[time]\nrate_hz = 0\n" + U, "rate_hz is still 0"),
         ("=", "not valid TOML"),
+        (
+            BASE + U.replace("[columns.u]", '[columns."rel x"]'),
+            "columns.rel x = 'rel x': a name is a letter, then up to 63 letters, digits and _.",
+        ),
+        (
+            BASE + '[training]\nname = "Two boats"\n' + U,
+            "training.name = 'Two boats': a name is a small letter, then up to 40 small letters,"
+            " digits and -.",
+        ),
     ],
 )
 def test_a_columns_file_is_refused_by_entry_and_bound(

@@ -7,7 +7,15 @@ from hypothesis import given
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from wakedeploy.domains.tables.resampling import even_ticks, evened, held, low_passed, unevenness
+from wakedeploy.domains.tables.resampling import (
+    averaged,
+    even_ticks,
+    evened,
+    held,
+    interpolated,
+    low_passed,
+    unevenness,
+)
 
 Vector = NDArray[np.float64]
 
@@ -105,3 +113,44 @@ def test_steps_are_even_up_to_half_of_one() -> None:
     jittery = stamps_s + np.random.default_rng(0).uniform(-0.002, 0.002, 100)
     assert np.abs(evened(jittery) - stamps_s).max() < 0.001
     np.testing.assert_allclose(np.diff(evened(jittery)), np.diff(evened(jittery))[0], rtol=1e-9)
+
+
+def test_the_mean_over_a_tick_is_that_of_a_sine_and_keeps_hum_from_folding() -> None:
+    """The mean of a sine over a step is the sine at its middle, times sin(x) / x."""
+    stamps_s = np.arange(20_000) / 1000
+    ticks_s = 1.0 + np.arange(300) / 20
+    for hz, most in ((1.3, 0.02), (90.0, 0.02)):
+        x = np.pi * hz / 20
+        wanted = np.sin(2 * np.pi * hz * ticks_s) * np.sin(x) / x
+        found = averaged(stamps_s, np.sin(2 * np.pi * hz * stamps_s), ticks_s)
+        assert np.abs(found - wanted).max() < most * 0.1 + 1e-5
+    assert held(stamps_s, np.sin(2 * np.pi * 90.7 * stamps_s), ticks_s).std() > 0.7
+
+
+@given(logs(), st.floats(1.0, 200.0))
+def test_the_mean_over_a_tick_is_the_area_under_straight_lines(
+    log: tuple[Vector, Vector], rate_hz: float
+) -> None:
+    stamps_s, values = log
+    ticks_s = ticks_of(stamps_s, rate_hz)
+    if len(ticks_s) < 2:
+        return
+    found = averaged(stamps_s, values, ticks_s)
+    scale = np.abs(values).max() + 1e-9
+    assert found.min() >= values.min() - 1e-6 * scale
+    assert found.max() <= values.max() + 1e-6 * scale
+    np.testing.assert_allclose(
+        averaged(stamps_s, 2.0 * stamps_s + 1.0, ticks_s)[1:-1], 2.0 * ticks_s[1:-1] + 1.0,
+        rtol=1e-5, atol=1e-4,
+    )  # fmt: skip
+
+
+def test_a_slow_force_is_nearer_to_the_truth_on_straight_lines_than_held() -> None:
+    slow_s, ticks_s = np.arange(120) / 4, np.arange(580) / 20
+    truth = np.sin(2 * np.pi * 0.3 * ticks_s)
+    seen = np.sin(2 * np.pi * 0.3 * slow_s)
+    on_lines = interpolated(slow_s, seen, ticks_s)
+    np.testing.assert_array_equal(on_lines, np.interp(ticks_s, slow_s, seen))
+    rms_held = np.sqrt(np.mean((held(slow_s, seen, ticks_s) - truth) ** 2))
+    rms_on_lines = np.sqrt(np.mean((on_lines - truth) ** 2))
+    assert rms_on_lines < 0.15 * rms_held

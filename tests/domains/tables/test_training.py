@@ -74,6 +74,73 @@ def test_one_file_is_cut_by_time_and_names_decide_where_they_are_given(here: Pat
     assert list(made.split.values()) == ["validation", "test", "test", "train"]
 
 
+def split_by(here: Path, lists: str, *files: str) -> dict[str, str]:
+    Path("named.toml").write_text(COLUMNS.replace("[training]", f"[training]\n{lists}"), "utf-8")
+    return dict(wd.import_table(list(files), "named.toml").split)
+
+
+FOUR = tuple(f"run{k}.csv" for k in range(4))
+
+
+@pytest.mark.parametrize(
+    ("lists", "files", "splits"),
+    [
+        ('test = ["run0*"]', FOUR, {"run0": "test", "run1": "train", "run2": "train",
+                                    "run3": "validation"}),
+        ('validation = ["run0"]', FOUR, {"run0": "validation", "run1": "train", "run2": "train",
+                                         "run3": "test"}),
+        ('test = ["run0.csv"]', FOUR[:2], {"run0": "test", "run1-train": "train",
+                                           "run1-validation": "validation"}),
+        ('held_out = "time"\ntest = ["run0"]', FOUR[:3], {
+            "run0": "test", "run1-train": "train", "run1-validation": "validation",
+            "run2-train": "train", "run2-validation": "validation"}),
+    ],
+)  # fmt: skip
+def test_one_list_alone_names_a_split_and_the_other_is_drawn_from_the_rest(
+    here: Path, lists: str, files: tuple[str, ...], splits: dict[str, str]
+) -> None:
+    assert split_by(here, lists, *files) == splits
+
+
+def test_a_day_is_held_out_by_its_folder(here: Path) -> None:
+    for day, k in (("d1", 0), ("d1", 1), ("d2", 2), ("d2", 3), ("d3", 0)):
+        (here / day).mkdir(exist_ok=True)
+        (here / day / f"run{k}-{day}.csv").write_text(Path(f"run{k}.csv").read_text())
+    given = ("d1/run0-d1.csv", "d1/run1-d1.csv", "d2/run2-d2.csv", "d2/run3-d2.csv",
+             "d3/run0-d3.csv")  # fmt: skip
+    days = {"run0-d1": "train", "run1-d1": "train", "run2-d2": "test", "run3-d2": "test",
+            "run0-d3": "validation"}  # fmt: skip
+    lists = 'validation = ["d3/*"]\ntest = ["d2/run?-d2"]'
+    assert split_by(here, lists, *given) == days
+    assert split_by(here, lists, *(str(here / file) for file in given)) == days
+    assert "test" in split_by(here, 'test = ["run?-d2"]', *given).values()
+
+
+@pytest.mark.parametrize(
+    ("lists", "sentence"),
+    [
+        ('test = ["run3", "d1/*"]',
+         r"^named\.toml: training\.test: 'd1/\*' matches no log; there are run0\.csv, run1\.csv,"
+         r" run2\.csv, run3\.csv\.$"),
+        ('validation = ["RUN0*"]', r"training\.validation: 'RUN0\*' matches no log"),
+        ('validation = ["run*3"]\ntest = ["run3*"]', r"run3\.csv is in validation and in test"),
+        ('test = ["run*"]', r"match all 4 logs, and none is left for training"),
+    ],
+)  # fmt: skip
+def test_a_pattern_that_cannot_be_meant_is_refused(here: Path, lists: str, sentence: str) -> None:
+    with pytest.raises(wd.UnusableInput, match=sentence):
+        split_by(here, lists, *FOUR)
+
+
+def test_the_recording_that_is_shorter_than_the_window_is_named(here: Path) -> None:
+    lines = Path("run2.csv").read_text().splitlines()
+    Path("short.csv").write_text("\n".join(lines[:12]))
+    with pytest.raises(
+        wd.UnusableInput, match=r"^short: lasts 0\.11 s and is the longest of the te"
+    ):
+        split_by(here, 'test = ["short"]', "run0.csv", "run1.csv", "short.csv")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
@@ -102,6 +169,187 @@ def test_a_set_has_every_number_of_an_observation_that_is_slower_than_its_rate(h
         seen = np.concatenate([episode.observation[:, 0] for episode in made.episodes])
         held = 1e-3 * np.repeat(np.sin(slow_t), 5)[: len(seen)]
         np.testing.assert_allclose(seen, held, atol=1e-9)
+
+
+def slow_force(*, jitter_s: float = 0.0) -> None:
+    """Observations at 20 Hz and a force of 0.3 Hz, seen at 4 Hz, for 100 s."""
+    t, slow_t = np.arange(2000) / 20, np.arange(400) / 4
+    t = t + np.random.default_rng(0).uniform(-jitter_s, jitter_s, 2000)
+    np.savez("slow.npz", t=t, v=np.sin(t), f=np.sin(0.6 * np.pi * slow_t), slow_t=slow_t)
+
+
+SLOW = COLUMNS.replace('"f"', '"f"\ntime = "slow_t"').replace('"gf"', '"N"')
+SLOW += "%s\n[resample]\nrate_hz = 20\n"
+
+
+def errors_n(made: wd.EpisodeSet) -> np.ndarray:
+    found = np.concatenate([episode.force[:, 0] for episode in made.episodes])
+    return np.asarray(found - np.sin(0.6 * np.pi * np.arange(len(found)) / 20))
+
+
+def test_a_force_that_is_slower_than_the_rate_is_said_and_may_look_ahead(here: Path) -> None:
+    slow_force()
+    Path("columns.toml").write_text(SLOW % "", "utf-8")
+    staircase = wd.import_table("slow.npz", "columns.toml")
+    (note,) = staircase.provenance["notes"]
+    assert "column 'f': 80 % of the ticks repeat a sample, which is 0.1 s old on average" in note
+    assert 'resample = "interpolate" in [columns.drag]' in note
+    Path("columns.toml").write_text(SLOW % 'resample = "interpolate"', "utf-8")
+    ahead = wd.import_table("slow.npz", "columns.toml")
+    assert ahead.provenance["notes"] == []
+    rms = [np.sqrt(np.mean(errors_n(made) ** 2)) for made in (staircase, ahead)]
+    assert rms[1] < 0.15 * rms[0]
+
+
+def test_a_force_in_few_rows_of_a_table_lies_on_lines_between_them(here: Path) -> None:
+    t = np.arange(2000) / 20
+    cells = [repr(float(np.sin(0.6 * np.pi * s))) if k % 5 == 0 else "" for k, s in enumerate(t)]
+    rows = [f"{a!r},{float(np.sin(a))!r},{b}" for a, b in zip(t.tolist(), cells, strict=True)]
+    Path("table.csv").write_text("\n".join(["t,v,f", *rows]))
+    text = (SLOW % 'missing = "hold"\nresample = "interpolate"').replace('time = "slow_t"', "")
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("table.csv", "columns.toml")
+    (note,) = made.provenance["notes"]
+    assert note.endswith("column 'f': 1600 samples have no number; the others alone are taken")
+    assert np.sqrt(np.mean(errors_n(made) ** 2)) < 0.03
+
+
+def test_a_force_that_is_faster_than_the_rate_is_its_mean_over_each_tick(here: Path) -> None:
+    t, fast_t = np.arange(2000) / 20, np.arange(100_000) / 1000
+    f = np.sin(fast_t) + np.sin(2 * np.pi * 90.7 * fast_t)  # the hum folds to 9.3 Hz
+    np.savez("slow.npz", t=t, v=np.sin(t), f=f, slow_t=fast_t)
+    Path("columns.toml").write_text(SLOW % "", "utf-8")
+    folded = wd.import_table("slow.npz", "columns.toml")
+    assert any("98 % of the samples are the newest at no tick, and are lost" in str(note)
+               and 'resample = "average"' in str(note)
+               for note in folded.provenance["notes"])  # fmt: skip
+    Path("columns.toml").write_text(SLOW % 'resample = "average"', "utf-8")
+    made = wd.import_table("slow.npz", "columns.toml")
+    assert made.provenance["notes"] == []
+    found = np.concatenate([episode.force[:, 0] for episode in made.episodes])
+    by_hand = [f[max(at - 25, 0) : at + 26] for at in 50 * np.arange(len(found))]
+    wanted = [np.trapezoid(part) / (len(part) - 1) for part in by_hand]
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+def test_samples_that_no_tick_took_are_said(here: Path) -> None:
+    slow_force(jitter_s=0.02)
+    Path("columns.toml").write_text(SLOW % 'resample = "interpolate"', "utf-8")
+    made = wd.import_table("slow.npz", "columns.toml")
+    stamps_s = np.load("slow.npz")["t"]
+    (note,) = made.provenance["notes"]
+    repeats, lost = note.split("a sample, ")
+    ticks_s = np.arange(sum(map(len, made.episodes))) / 20 + stamps_s[0]
+    seen = np.concatenate([episode.observation[:, 0] for episode in made.episodes])
+    taken = len(np.unique(seen)) / len(stamps_s)
+    assert abs(float(lost.split("; ")[1].split(" %")[0]) / 100 - (1 - taken)) < 0.01
+    assert "a higher [resample] rate_hz takes more of them" in lost
+    assert "column 'v'" in repeats
+    assert len(ticks_s) == len(seen)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('role = "observation"', 'role = "observation"\nresample = "interpolate"',
+         'columns.speed: resample = "interpolate" knows later samples, which only a force may'),
+        ('role = "force"', 'role = ["force", "output"]\nresample = "average"',
+         "which only a force may"),
+        ('role = "force"', 'role = "force"\nresample = "interpolate"',
+         "columns.drag.resample needs a rate: give [resample] rate_hz"),
+        ('role = "force"', 'role = "force"\nresample = "cubic"', "'interpolate' or 'average'"),
+        ('role = "force"', 'role = "force"\nevent = true\nresample = "average"', "delete event"),
+    ],
+)  # fmt: skip
+def test_only_a_force_may_know_later_samples(here: Path, old: str, new: str, sentence: str) -> None:
+    Path("columns.toml").write_text(COLUMNS.replace(old, new), "utf-8")
+    with pytest.raises(wd.UnusableInput) as told:
+        wd.import_table("run0.csv", "columns.toml")
+    assert sentence in str(told.value)
+
+
+COPIES = [
+    COLUMNS.replace('role = "force"', 'role = ["force", "observation"]'),
+    COLUMNS + '[columns.seen]\ncolumn = "f"\nrole = "observation"\nunit = "gf"\n',
+]
+
+
+@pytest.mark.parametrize("text", COPIES)
+def test_a_force_that_is_seen_needs_a_lead(here: Path, text: str) -> None:
+    Path("columns.toml").write_text(text, "utf-8")
+    with pytest.raises(wd.UnusableInput, match=r"columns\.toml: columns\.drag: 'f' is observation"
+                       r" and force, and a predictor would copy it; delete .* lead_s"):  # fmt: skip
+        wd.import_table("run0.csv", "columns.toml")
+    Path("columns.toml").write_text(text.replace("[training]", "[training]\nlead_s = 0.1"), "utf-8")
+    made = wd.import_table("run0.csv", "columns.toml")
+    assert made.provenance["default_lead_s"] == 0.1
+    assert sum("'f' is observation and force: only with a lead" in note
+               for note in made.provenance["notes"]) == 1  # fmt: skip
+
+
+def test_the_lead_of_a_set_is_what_training_asks_for(here: Path) -> None:
+    trainer = pytest.importorskip("trainers.training.trainer")
+    without = wd.import_table("run0.csv", "columns.toml")
+    assert trainer.chosen_lead_s(without, None) == 0.0
+    text = COLUMNS.replace("[training]", "[training]\nlead_s = 0.25")
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("run0.csv", "columns.toml")
+    assert (trainer.chosen_lead_s(made, None), trainer.chosen_lead_s(made, 0.1)) == (0.25, 0.1)
+
+
+def test_a_filter_is_part_of_what_training_is_told(here: Path) -> None:
+    text = COLUMNS + '[resample]\nrate_hz = 50\nmethod = "low-pass"\ncutoff_hz = 5\n'
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("run0.csv", "columns.toml")
+    filtered = "second-order Butterworth low-pass, 5 Hz"
+    assert made.provenance["filtered"] == {"speed": filtered}
+    assert any("low-pass filter of 5 Hz; in flight filter them likewise" in note
+               for note in made.provenance["notes"])  # fmt: skip
+    trainer = pytest.importorskip("trainers.training.trainer")
+    made.write("set")
+    config = trainer.configure(wd.EpisodeSet.read("set"), "agile-mlp", seed=0, lead_s=0.0)
+    assert [channel.filtered for channel in config.observation] == [filtered]
+
+
+def with_constant(role: str) -> str:
+    for k in range(3):
+        v = np.sin(np.arange(400) / 9 + k)
+        np.savetxt(f"run{k}.csv", np.column_stack([np.arange(400) / 100, v, v * v, v * 0 + 293.15]),
+                   delimiter=",", header="t,v,f,temperature", comments="")  # fmt: skip
+    return COLUMNS + f'[columns.air_k]\ncolumn = "temperature"\nrole = "{role}"\nunit = "K"\n'
+
+
+def test_an_observation_that_never_changes_is_said(here: Path) -> None:
+    Path("columns.toml").write_text(with_constant("observation"), "utf-8")
+    (note,) = wd.import_table(["run0.csv", "run1.csv", "run2.csv"], "columns.toml").provenance[
+        "notes"
+    ]
+    assert "the observation air_k is 293.15 in all recordings for training" in note
+    assert note.endswith("leave it out")
+
+
+def test_a_force_that_never_changes_is_refused(here: Path) -> None:
+    Path("columns.toml").write_text(with_constant("force"), "utf-8")
+    sentence = r"columns\.air_k: the force 'temperature' is 293\.15"
+    with pytest.raises(wd.UnusableInput, match=sentence):
+        wd.import_table("run0.csv", "columns.toml")
+
+
+def test_what_missing_numbers_leave_out_is_said_in_seconds(here: Path) -> None:
+    """Two rows at 1 s and two at 1.1 s: the piece between is no longer than the window."""
+    lines = Path("run0.csv").read_text().splitlines()
+    for row in (100, 101, 110, 111):
+        lines[1 + row] = lines[1 + row].rpartition(",")[0] + ","
+    Path("run0.csv").write_text("\n".join(lines))
+    text = COLUMNS.replace('unit = "gf"', 'unit = "gf"\nmissing = "split"')
+    Path("columns.toml").write_text(text.replace("[training]", '[training]\nheld_out = "files"'))
+    made = wd.import_table(["run0.csv", "run1.csv", "run2.csv"], "columns.toml")
+    blanks, holes, short = made.provenance["notes"]
+    assert "4 of 400 samples have no number, and a recording ends there" in blanks
+    left_out = "between the pieces of logs, at 2 places, 0.04 s, 0.33 % of 12 s, are left out"
+    assert holes == left_out
+    assert short.startswith("of 5 pieces, 1 last no longer than the window of 0.2 s, 0.08 s,")
+    assert sum(map(len, made.episodes)) == 1200 - 4 - 8
 
 
 def test_logs_of_two_rates_need_one(here: Path) -> None:
@@ -134,6 +382,32 @@ def test_the_command_guesses_imports_and_never_overwrites(here: Path) -> None:
     assert "agile-mlp" in shown
     told = wakedeploy("data", "import", "table", "run0.csv", "--columns", "first.toml", status=2)
     assert "--out" in told
+
+
+def test_a_set_that_is_replaced_is_told(here: Path) -> None:
+    words = ("data", "import", "table", "--columns", "columns.toml", "--out", "set")
+    assert "replaced" not in wakedeploy(*words, *FOUR)
+    assert "replaced" not in wakedeploy(*words, *FOUR)  # the same again
+    told = wakedeploy(*words, "run0.csv")
+    assert ("set: 3 episodes, 0.1 min, replaced the set that was there: axis, 4 episodes, 0.3 min."
+            in told)  # fmt: skip
+
+
+def test_no_set_is_written_between_the_logs(here: Path) -> None:
+    Path("day").mkdir()
+    Path("run0.csv").rename("day/run0.csv")
+    before = sorted(path.name for path in Path("day").iterdir())
+    words = ("data", "import", "table", "--columns", "columns.toml")
+    for out in ("day", str(here / "day"), "day/../day"):
+        told = wakedeploy(*words, "day/run0.csv", "--out", out, status=2)
+        assert f"{out}: holds the log day/run0.csv; give --out a folder of its own" in told
+    assert "holds the log day" in wakedeploy(*words, "day", "--out", "day/set", status=2)
+    assert sorted(path.name for path in Path("day").iterdir()) == before
+    wakedeploy(*words, "day/run0.csv", "--out", "day/set")
+
+
+def test_the_help_of_import_names_logs_of_ones_own() -> None:
+    assert "logs of your own by `table`" in wakedeploy("data", "import", "--help")
 
 
 def test_recordings_in_the_units_of_a_system(here: Path) -> None:

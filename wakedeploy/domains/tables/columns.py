@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pydantic
-from pydantic import Field, StringConstraints
+from pydantic import AfterValidator, Field, StringConstraints
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import text_of, toml_of
@@ -19,7 +19,23 @@ from wakedeploy.core.validation import first_problem
 VERSION = 1
 Role = Literal["input", "output", "observation", "force", "unused"]
 Angle = Literal["yaw", "pitch", "roll"]
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
+Method = Literal["hold", "low-pass"]
+Ahead = Literal["interpolate", "average"]
+
+
+def _channel_name(name: str) -> str:
+    if re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,63}", name) is None:
+        raise ValueError("a name is a letter, then up to 63 letters, digits and _")
+    return name
+
+
+def _set_name(name: str) -> str:
+    if re.fullmatch(r"[a-z][a-z0-9-]{0,40}", name) is None:
+        raise ValueError("a name is a small letter, then up to 40 small letters, digits and -")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_channel_name)]
 Address = Annotated[str, StringConstraints(min_length=1, max_length=300)]
 _MOST_HZ = 1e5
 _LARGEST_SHIFT_S = 1e10  # three hundred years: between a clock since 1970 and one since a start
@@ -57,12 +73,14 @@ class TimeBase(_Table):
 class Resampling(_Table):
     """The even rate that all columns are brought to; without this table samples stay as they are.
 
+    A force may have a way of its own, see `Column.resample`.
+
     "hold" takes the newest sample at or before each tick. "low-pass" filters what is held by a
     second-order Butterworth filter that knows no later sample, for every column alike.
     """
 
     rate_hz: float = Field(gt=0, le=_MOST_HZ)
-    method: Literal["hold", "low-pass"] = "hold"
+    method: Method = "hold"
     cutoff_hz: float | None = Field(default=None, gt=0)
     """Of the low-pass filter; a quarter of the rate where nothing is said."""
 
@@ -109,18 +127,20 @@ class Delimited(_Table):
 class Training(_Table):
     """What an episode set needs beside the columns."""
 
-    name: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9-]{0,40}$")] = "table"
+    name: Annotated[str, AfterValidator(_set_name)] = "table"
     """What the set is called in run folders and packages."""
     window_s: float = Field(default=0.5, gt=0, le=1e3)
     """The history that a window model sees."""
+    lead_s: float = Field(default=0.0, ge=0, le=3600)
+    """How far ahead the force is that `train` asks for, where it is not told another lead."""
     held_out: Literal["files", "time"] | None = None
     """What validation and test are: whole files, or the last 30 % of each recording.
 
     None: files where there are at least three.
     """
-    validation: tuple[str, ...] = ()
-    test: tuple[str, ...] = ()
-    """Patterns of file names; where they are given, they decide and all else is for training."""
+    validation: tuple[Address, ...] = ()
+    test: tuple[Address, ...] = ()
+    """Patterns of file names, or of paths as `d1/*`; a split without one is drawn from the rest."""
     loss_weights: Mapping[Name, Annotated[float, Field(gt=0)]] = {}
     """By the name of the force; 1 where nothing is said."""
 
@@ -150,6 +170,12 @@ class Column(_Table):
     A reading that is held is not measured: there "hold" says that rows of other columns lie between
     its own.
     """
+    resample: Ahead | None = None
+    """How a force is brought to the rate, where that is not the `method` of all columns.
+
+    "interpolate" is for a force that is slower than the rate, "average" over the tick for a faster
+    one. Both know later samples, as what is learnt may, and what is seen may not.
+    """
     wraps: bool | None = None
     """Of an angle, whether it begins again after a turn, which is then taken out; False leaves it.
 
@@ -172,6 +198,20 @@ class Column(_Table):
         if isinstance(raw, dict) and "quaternion" in raw:
             return {"unit": "rad"} | raw
         return raw
+
+    @pydantic.model_validator(mode="after")
+    def _ahead_only_of_a_force(self) -> "Column":
+        if self.resample is not None and set(self.roles) - {"unused"} != {"force"}:
+            raise ValueError(
+                f'resample = "{self.resample}" knows later samples, which only a force may: give'
+                ' role = "force" alone, or delete resample'
+            )
+        if self.resample is not None and (self.missing == "nan" or self.event):
+            raise ValueError(
+                f'resample = "{self.resample}" needs numbers on both sides; delete event, and'
+                ' missing = "nan"'
+            )
+        return self
 
     @pydantic.model_validator(mode="after")
     def _one_place(self) -> "Column":
@@ -245,6 +285,15 @@ class Columns(_Table):
     columns: Mapping[Name, Column] = Field(min_length=1)
     _file: str = pydantic.PrivateAttr("columns.toml")
 
+    @pydantic.model_validator(mode="after")
+    def _resampled_to_a_rate(self) -> "Columns":
+        for name, column in self.columns.items():
+            if column.resample is not None and self.resample is None:
+                raise ValueError(
+                    f"columns.{name}.resample needs a rate: give [resample] rate_hz, or delete it"
+                )
+        return self
+
     @property
     def file(self) -> str:
         """What it was read from, as error messages name it."""
@@ -297,5 +346,6 @@ def parse_columns(text: str, name: str = "columns.toml") -> Columns:
 
 
 def _clause(problem: str) -> str:
-    """A problem without pydantic's names for the two ways in which a role may be written."""
+    """A problem without pydantic's words for keys, and for the two ways to write a role."""
+    problem = re.sub(r"\.\[key\](?=[ :])", "", problem)
     return re.sub(r"\.(literal|tuple)\[[^=]*?\](?=[ :.])", "", problem).rstrip(".")

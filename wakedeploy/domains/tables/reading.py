@@ -56,8 +56,7 @@ def read_recordings(
     if not paths:
         raise UnusableInput("No log was given; name at least one file.")
     wanted = {
-        name: Wanted(name, c, (units or {}).get(name), columns.file)
-        for name, c in columns.used.items()
+        name: Wanted(name, c, (units or {}).get(name), columns) for name, c in columns.used.items()
     }
     if not units:  # where a system asks, its units count
         for column in wanted.values():
@@ -88,6 +87,11 @@ def _distinct(paths: Sequence[Path]) -> dict[Path, str]:
 
 def _plain(name: str) -> str:
     """A file's name as a recording's: without its endings, letters that episodes may have."""
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "-", without_ending(name))
+    return plain.strip("._-")[:80] or "log"
+
+
+def without_ending(name: str) -> str:
+    """A log's name without the ending of its format, such as `.csv` or `.csv.gz`."""
     stem = re.sub(r"\.(gz|csv|tsv|txt|dat|parquet|pq|npz|h5|hdf5?|mat|mcap|db3|ulo?g)$", "", name)
-    stem = re.sub(r"\.(csv|tsv|txt|dat)$", "", stem)
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("._-")[:80] or "log"
+    return re.sub(r"\.(csv|tsv|txt|dat)$", "", stem)

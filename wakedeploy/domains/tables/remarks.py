@@ -15,6 +15,9 @@ from wakedeploy.domains.tables.series import Series
 
 Vector = NDArray[np.float64]
 
+_FEW = 0.005  # the share of ticks or samples from which on it is said
+_FASTER = 1.5  # samples a tick, from which on a column is one that is faster than the rate
+
 
 @dataclass
 class _Tally:
@@ -26,6 +29,9 @@ class _Tally:
     ticks: int = 0
     fresh: int = 0
     silent_s: float = 0.0
+    late_s: float = 0.0  # of all ticks together
+    passed: int = 0  # samples from the first tick to the last
+    taken: int = 0  # of those, the newest at some tick
     turns: int = 0
     odd_jumps: int = 0
 
@@ -53,17 +59,32 @@ class Remarks:
         stamps_s = of_numbers_s if column.is_reading else column.times.stamps_s
         tally.ticks += len(ticks_s)
         tally.fresh += int(refreshed(of_numbers_s, ticks_s).sum())
+        self._count_samples(tally, of_numbers_s, ticks_s)
         newest, last = np.searchsorted(stamps_s, (ticks_s[0], ticks_s[-1]), side="right")
         inside_s = stamps_s[max(int(newest) - 1, 0) : int(last)]  # gaps between pieces tell nothing
         if stale(inside_s, ticks_s).any():
             steps_s = np.diff(np.append(inside_s, ticks_s[-1]))
             tally.silent_s = max(tally.silent_s, float(steps_s.max(initial=0.0)))
 
+    @staticmethod
+    def _count_samples(tally: _Tally, stamps_s: Vector, ticks_s: Vector) -> None:
+        """Count the samples that ticks take and those between, and how late they are taken."""
+        newest = np.searchsorted(stamps_s, ticks_s, side="right") - 1
+        is_there = newest >= 0
+        if not is_there.any():
+            return
+        newest = newest[is_there]
+        tally.late_s += float((ticks_s[is_there] - stamps_s[newest]).sum())
+        tally.passed += int(newest[-1] - newest[0]) + 1
+        tally.taken += len(np.unique(newest))
+
     def sentences(self) -> Iterator[str]:
         """A sentence for each column and thing that was noticed."""
         for tally in self._tallies.values():
             place, doubt = tally.column.place, tally.column.wanted.doubt
-            for said in (_on_blanks(tally), doubt, _on_turns(tally), _on_ticks(tally)):
+            of_ticks = (_on_ticks(tally), _on_repeats(tally), _on_lost(tally))
+            on_ticks = "; ".join(filter(None, of_ticks))
+            for said in (_on_blanks(tally), doubt, _on_turns(tally), on_ticks):
                 if said:
                     yield f"{place.log.path}, column {place.address!r}: {said}"
 
@@ -73,6 +94,8 @@ class Remarks:
 
 def _on_blanks(tally: _Tally) -> str:
     column = tally.column
+    if column.wanted.column.missing == "split" and tally.blank:
+        return f"{tally.blank} of {tally.rows} samples have no number, and a recording ends there"
     if column.wanted.column.missing != "hold" or not tally.blank:
         return ""
     if column.is_reading:
@@ -80,6 +103,8 @@ def _on_blanks(tally: _Tally) -> str:
             return ""  # the ticks say it
         there = tally.rows - tally.blank
         return f"{there} of {tally.rows} samples have a number; the others are not measured"
+    if column.wanted.column.resample is not None:
+        return f"{tally.blank} samples have no number; the others alone are taken"
     counts = ", and counts as measured" if _is_output(column) else ""
     return f"{tally.blank} samples have no number; the last one is held{counts}"
 
@@ -114,6 +139,43 @@ def _on_ticks(tally: _Tally) -> str:
         held = "the last sample is held, and counts as measured at the others"
         return "; ".join(filter(None, (silent, told, held)))
     return f"{silent}; the last sample is held" if silent else ""
+
+
+def _on_repeats(tally: _Tally) -> str:
+    """What is said of a column that is learnt from where it is slower than the ticks."""
+    share = 1.0 - tally.fresh / max(tally.ticks, 1)
+    if not _is_learnt_from(tally.column) or not tally.ticks or share < _FEW:
+        return ""
+    told = f"{_percent(share)} of the ticks repeat a sample, which is"
+    told += f" {tally.late_s / tally.ticks:.2g} s old on average"
+    if tally.column.wanted.method == "low-pass":
+        told += ", before the filter"
+    if tally.column.wanted.column.roles != ("force",):
+        return told
+    return f'{told}; resample = "interpolate" in [columns.{tally.column.name}] mends that'
+
+
+def _on_lost(tally: _Tally) -> str:
+    """What is said of a column that is learnt from where it has samples between ticks."""
+    share = 1.0 - tally.taken / max(tally.passed, 1)
+    if not _is_learnt_from(tally.column) or tally.column.wanted.method != "hold" or share < _FEW:
+        return ""
+    told = f"{_percent(share)} of the samples are the newest at no tick, and are lost"
+    if tally.passed < _FASTER * tally.ticks:
+        return f"{told}; a higher [resample] rate_hz takes more of them"
+    if tally.column.wanted.column.roles == ("force",):
+        return f'{told}; resample = "average" in [columns.{tally.column.name}] takes all'
+    return f'{told}; [resample] method = "low-pass" takes all'
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"
+
+
+def _is_learnt_from(column: Series) -> bool:
+    """Whether it is learnt from as it is: a force that looks ahead repeats and loses nothing."""
+    is_held = column.wanted.method in ("hold", "low-pass")
+    return is_held and bool({"observation", "force"} & set(column.wanted.column.roles))
 
 
 def _is_output(column: Series) -> bool:

@@ -1,6 +1,7 @@
 """Samples at stamps as samples at even ticks: held or filtered, and never of the future.
 
-Pure functions of arrays: stamps (n,) [s] that rise, values (n,), ticks (m,) [s] that rise evenly.
+`interpolated` and `averaged` alone know later samples: for a force, which no predictor sees. Pure
+functions of arrays: stamps (n,) [s] that rise, values (n,), ticks (m,) [s] that rise evenly.
 """
 
 from collections.abc import Sequence
@@ -111,6 +112,29 @@ def _fine(stamps_s: Vector, ticks_s: Vector, finer: int) -> Vector:
     fine_s += 1e-6 * step_s
     fine_s[::finer] = ticks_s
     return fine_s
+
+
+def interpolated(stamps_s: Vector, values: Vector, ticks_s: Vector) -> Vector:
+    """The values (m,) on straight lines between samples; beyond the outer ones, those."""
+    return np.asarray(np.interp(ticks_s, stamps_s, values), dtype=np.float64)
+
+
+def averaged(stamps_s: Vector, values: Vector, ticks_s: Vector) -> Vector:
+    """The mean (m,) of those lines from half a step before each tick to half a step after it.
+
+    At either end of the log, over the part of that which the log covers.
+    """
+    half_s = 0.5 * (ticks_s[-1] - ticks_s[0]) / (len(ticks_s) - 1)
+    edges_s = np.append(ticks_s - half_s, ticks_s[-1] + half_s)
+    edges_s = np.clip(edges_s, stamps_s[0], stamps_s[-1])
+    all_s = np.union1d(stamps_s, edges_s)
+    through = np.interp(all_s, stamps_s, values)
+    areas = 0.5 * (through[1:] + through[:-1]) * np.diff(all_s)
+    area = np.diff(np.insert(np.cumsum(areas), 0, 0.0)[np.searchsorted(all_s, edges_s)])
+    widths_s = np.diff(edges_s)
+    is_covered = widths_s > 1e-3 * half_s
+    mean = area / np.where(is_covered, widths_s, 1.0)
+    return np.where(is_covered, mean, interpolated(stamps_s, values, ticks_s))
 
 
 def unevenness(stamps_s: Vector) -> int | None:

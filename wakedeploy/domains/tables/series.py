@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.columns import Resampling
 from wakedeploy.domains.tables.log import Clock, Log, refused
-from wakedeploy.domains.tables.resampling import held, low_passed, refreshed
+from wakedeploy.domains.tables.resampling import averaged, held, interpolated, low_passed, refreshed
 from wakedeploy.domains.tables.stamps import Timeline
 from wakedeploy.domains.tables.wanted import Wanted
 
@@ -93,6 +93,10 @@ class Series:
         A reading that is repeated would count as measured again: the likelihood would take the
         repeats for physics. What drives the system acts on, and is held.
         """
+        if self.wanted.method == "interpolate":
+            return interpolated(*self.with_numbers(), ticks_s)
+        if self.wanted.method == "average":
+            return averaged(*self.with_numbers(), ticks_s)
         if not self.is_reading:
             return self._brought(self.times.stamps_s, self.filled(), ticks_s, how)
         stamps_s, values = self.with_numbers()

@@ -1,10 +1,8 @@
 """Logs as an episode set, which `train` takes.
 
-In: files and `Columns`, of which some have the role observation or force. Out: an `EpisodeSet`. No
-recording is in two splits unless the splits are stretches of time.
+In: files and `Columns`, of which some have the role observation or force. Out: an `EpisodeSet`.
 """
 
-import fnmatch
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,20 +10,23 @@ from pathlib import Path
 import numpy as np
 from pydantic import JsonValue
 
-from wakedeploy.core.episodes import SPLITS, Array, Channel, Episode, EpisodeSet
+from wakedeploy.core.episodes import FILTERED, Array, Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.version import VERSION
-from wakedeploy.domains.split import split_in_order
 from wakedeploy.domains.tables.columns import Columns, Role
+from wakedeploy.domains.tables.learnable import (
+    on_constants,
+    on_copies,
+    on_filter,
+    on_what_is_left_out,
+    require_roles,
+)
 from wakedeploy.domains.tables.reading import Progress, Reading, read_recordings
+from wakedeploy.domains.tables.splits import long_enough, split_pieces
 
-BLOCKS = (("train", 0.0, 0.70), ("validation", 0.70, 0.85), ("test", 0.85, 1.0))
-_FEW_FILES = 3  # from which on whole files are held out
 _RATES_DIFFER = 0.01
 _MOST = float(np.finfo(np.float32).max)
-
-Pieces = list[tuple[str, str, Recording]]  # split, name, samples
 
 
 def import_set(
@@ -45,11 +46,15 @@ def import_set(
     Raises:
         UnusableInput: Names file, column, row and reason.
     """
-    _require_roles(columns)
+    require_roles(columns)
+    copies = tuple(on_copies(columns))
     reading = read_recordings(paths, columns, progress=progress)
     rate_hz = _rate_hz(reading)
-    pieces, too_short = _long_enough(list(_pieces(reading, columns)), rate_hz, columns)
-    _require_splits(pieces, paths)
+    found = split_pieces(reading.pieces, columns)
+    pieces = long_enough(found, columns.training.window_s, rate_hz)
+    constants = on_constants(pieces, columns)
+    left_out = on_what_is_left_out(reading, found, pieces, columns)
+    notes = (*reading.notes, *copies, *constants, *left_out, *on_filter(columns))
     return EpisodeSet(
         domain=columns.training.name,
         rate_hz=rate_hz,
@@ -59,24 +64,8 @@ def import_set(
         loss_weights=_loss_weights(columns),
         split={name: split for split, name, _ in pieces},
         episodes=tuple(_episode(name, piece, columns) for _, name, piece in pieces),
-        provenance=_provenance(reading, columns, too_short),
+        provenance=_provenance(reading, columns, notes),
     )
-
-
-def _require_roles(columns: Columns) -> None:
-    needed: tuple[Role, ...] = ("observation", "force")
-    for role in needed:
-        if not columns.with_role(role):
-            raise UnusableInput(
-                f"{columns.file}: no column has the role {role!r}; a set for training needs"
-                " observations and forces."
-            )
-    for name, column in columns.with_role("observation", "force").items():
-        if column.missing == "nan":
-            raise UnusableInput(
-                f'{columns.file}: columns.{name}.missing = "nan" is nothing to learn from; give'
-                ' "hold" or "split".'
-            )
 
 
 def _rate_hz(reading: Reading) -> float:
@@ -90,71 +79,6 @@ def _rate_hz(reading: Reading) -> float:
                     f" {rates[0]:.4g} Hz; give [resample] rate_hz in columns.toml."
                 )
     return float(f"{np.median(rates):.6g}")
-
-
-def _pieces(reading: Reading, columns: Columns) -> Iterator[tuple[str, str, Recording]]:
-    """Every recording with its split, cut where splits are stretches of time."""
-    by_file = _split_of_files(reading, columns)
-    for path, recordings in reading.pieces.items():
-        for recording in recordings:
-            if by_file is not None:
-                yield by_file[path], recording.name, recording
-                continue
-            for split, start, end in BLOCKS:
-                part = slice(
-                    round(start * len(recording.time_s)), round(end * len(recording.time_s))
-                )
-                yield split, f"{recording.name}-{split}", _cut(recording, part)
-
-
-def _split_of_files(reading: Reading, columns: Columns) -> dict[Path, str] | None:
-    """The split of each file; None where every recording is cut by time."""
-    how, paths = columns.training, list(reading.pieces)
-    if how.validation or how.test:
-        return {path: _by_pattern(path, columns) for path in paths}
-    if how.held_out == "time" or (how.held_out is None and len(paths) < _FEW_FILES):
-        return None
-    if len(paths) < _FEW_FILES:
-        raise UnusableInput(
-            f'{paths[0]}: held_out = "files" needs at least {_FEW_FILES} logs, and there are'
-            f' {len(paths)}; give more, or held_out = "time".'
-        )
-    names = split_in_order([str(path) for path in paths])
-    return {path: names[str(path)] for path in paths}
-
-
-def _by_pattern(path: Path, columns: Columns) -> str:
-    patterns = {"validation": columns.training.validation, "test": columns.training.test}
-    for split, some in patterns.items():
-        if any(fnmatch.fnmatch(path.name, pattern) for pattern in some):
-            return split
-    return "train"
-
-
-def _cut(recording: Recording, part: slice) -> Recording:
-    if len(recording.time_s[part]) < 2:
-        raise UnusableInput(
-            f"{recording.name}: has {len(recording.time_s)} samples, too few to cut into three"
-            ' splits; give a longer log, or held_out = "files".'
-        )
-    columns = {name: values[part] for name, values in recording.columns.items()}
-    return Recording(recording.name, recording.time_s[part], columns)
-
-
-def _long_enough(pieces: Pieces, rate_hz: float, columns: Columns) -> tuple[Pieces, int]:
-    """Pieces that are longer than the window, and how many are not."""
-    fewest = columns.training.window_s * rate_hz + 2
-    kept = [piece for piece in pieces if len(piece[2].time_s) >= fewest]
-    return kept, len(pieces) - len(kept)
-
-
-def _require_splits(pieces: Pieces, paths: Sequence[Path | str]) -> None:
-    for split in SPLITS:
-        if not any(has == split for has, _, _ in pieces):
-            raise UnusableInput(
-                f"{paths[0]}: the {split} split has no recording that is longer than the window;"
-                " give longer logs, a shorter window_s, or another split in [training]."
-            )
 
 
 def _channels(columns: Columns, reading: Reading, role: Role) -> tuple[Channel, ...]:
@@ -190,16 +114,19 @@ def _array(name: str, piece: Recording, columns: Columns, role: Role) -> Array:
     return values.astype(np.float32)
 
 
-def _provenance(reading: Reading, columns: Columns, too_short: int) -> dict[str, JsonValue]:
-    notes: list[JsonValue] = list(reading.notes)
-    if too_short:
-        notes.append(f"{too_short} pieces are no longer than the window and were left out")
-    return {
+def _provenance(reading: Reading, columns: Columns, notes: Sequence[str]) -> dict[str, JsonValue]:
+    made: dict[str, JsonValue] = {
         "generator": f"wakedeploy {VERSION} table",
         "columns": columns.model_dump(mode="json", exclude_defaults=True),
         "files": dict(_hashes(reading.pieces)),
-        "notes": notes,
+        "notes": list(notes),
     }
+    if columns.training.lead_s:
+        made["default_lead_s"] = columns.training.lead_s
+    if columns.resample and columns.resample.method == "low-pass":
+        told = f"second-order Butterworth low-pass, {columns.resample.effective_cutoff_hz:g} Hz"
+        made[FILTERED] = dict.fromkeys(columns.with_role("observation"), told)
+    return made
 
 
 def _hashes(pieces: Mapping[Path, object]) -> Iterator[tuple[str, str]]:

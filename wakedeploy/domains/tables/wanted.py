@@ -18,16 +18,19 @@ from wakedeploy.core.units import (
     same_dimension,
     si_unit,
 )
-from wakedeploy.domains.tables.columns import Column
+from wakedeploy.domains.tables.columns import Ahead, Column, Columns, Method
 
 Vector = NDArray[np.float64]
 
 
 class Wanted:
-    """A column and the unit that its numbers shall be in."""
+    """A column, the unit that its numbers shall be in, and how it is brought to the rate."""
 
-    def __init__(self, name: str, column: Column, unit: str | None, file: str) -> None:
+    def __init__(self, name: str, column: Column, unit: str | None, columns: Columns) -> None:
+        file = columns.file
         self.name, self.column, self._file = name, column, file
+        shared = columns.resample.method if columns.resample else None
+        self.method: Ahead | Method | None = column.resample or shared
         self.doubt = _doubted(name, column)
         try:
             self.unit = unit or column.to or si_unit(column.unit)

@@ -1,0 +1,120 @@
+"""What a predictor can learn of logs, and what is wrong with them for that.
+
+In: `Columns`, and pieces of recordings with their splits. Out: remarks; UnusableInput for what
+could not be learnt from.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise, product
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.columns import Column, Columns, Role
+from wakedeploy.domains.tables.reading import Reading
+from wakedeploy.domains.tables.splits import Pieces
+
+
+def require_roles(columns: Columns) -> None:
+    """UnusableInput without observations and forces that have numbers everywhere."""
+    needed: tuple[Role, ...] = ("observation", "force")
+    for role in needed:
+        if not columns.with_role(role):
+            raise UnusableInput(
+                f"{columns.file}: no column has the role {role!r}; a set for training needs"
+                " observations and forces."
+            )
+    for name, column in columns.with_role("observation", "force").items():
+        if column.missing == "nan":
+            raise UnusableInput(
+                f'{columns.file}: columns.{name}.missing = "nan" is nothing to learn from; give'
+                ' "hold" or "split".'
+            )
+
+
+def on_copies(columns: Columns) -> Iterator[str]:
+    """Remarks on forces that are seen as well; UnusableInput where they are seen in time."""
+    seen, forces = columns.with_role("observation"), columns.with_role("force")
+    for (name, column), (force, label) in product(seen.items(), forces.items()):
+        if _source(column) != _source(label):
+            continue
+        ahead_s = columns.training.lead_s + column.shift_s - label.shift_s
+        twice = f"{column.address!r} is observation and force"
+        if ahead_s <= 0.0:
+            raise UnusableInput(
+                f"{columns.file}: columns.{force}: {twice}, and a predictor would copy it; delete"
+                f" the role observation of columns.{name}, or give [training] lead_s to forecast"
+                " it."
+            )
+        yield (
+            f"column {twice}: only with a lead is there anything to learn, so never train with a"
+            " shorter one"
+        )
+
+
+def _source(column: Column) -> tuple[object, ...]:
+    return (column.file, column.addresses, column.angle)
+
+
+def on_constants(pieces: Pieces, columns: Columns) -> Iterator[str]:
+    """Remarks on observations that never change in training; UnusableInput for such a force."""
+    learned = [piece for split, _, piece in pieces if split == "train"]
+    for name, column in columns.with_role("observation", "force").items():
+        with np.errstate(over="ignore"):  # what overflows is refused with its recording
+            values = np.concatenate([piece.columns[name] for piece in learned]).astype(np.float32)
+        if np.ptp(values) > 0.0:
+            continue
+        if "force" in column.roles:
+            raise UnusableInput(
+                f"{columns.file}: columns.{name}: the force {column.address!r} is"
+                f" {values[0]:.6g} in all recordings for training, which is nothing to learn; give"
+                " recordings in which it changes, or another column."
+            )
+        yield (
+            f"column {column.address!r}: the observation {name} is {values[0]:.6g} in all"
+            " recordings for training, and no predictor knows what another value means; leave it"
+            " out"
+        )
+
+
+def on_filter(columns: Columns) -> Iterator[str]:
+    """That a loop has to filter what was filtered here."""
+    if columns.resample and columns.resample.method == "low-pass":
+        yield (
+            "observations went through a low-pass filter of"
+            f" {columns.resample.effective_cutoff_hz:g} Hz; in flight filter them likewise, as the"
+            " package's description says"
+        )
+
+
+def on_what_is_left_out(
+    reading: Reading, found: Pieces, kept: Pieces, columns: Columns
+) -> Iterator[str]:
+    """Remarks on the time between the pieces of logs, and on pieces that are too short."""
+    rate_hz = reading.recordings[0].rate_hz
+    holes_s = [
+        hole_s
+        for parts in reading.pieces.values()
+        for before, after in pairwise(parts)
+        if (hole_s := after.time_s[0] - before.time_s[-1] - 1.0 / rate_hz) > 0.0
+    ]
+    total_s = _seconds(found, rate_hz) + sum(holes_s)
+    if holes_s:
+        yield (
+            f"between the pieces of logs, at {len(holes_s)} place{'s' * (len(holes_s) > 1)},"
+            f" {_share(sum(holes_s), total_s)}, are left out"
+        )
+    if len(found) > len(kept):
+        short_s = _seconds(found, rate_hz) - _seconds(kept, rate_hz)
+        yield (
+            f"of {len(found)} pieces, {len(found) - len(kept)} last no longer than the window of"
+            f" {columns.training.window_s:g} s, {_share(short_s, total_s)}, and are left out"
+        )
+
+
+def _seconds(pieces: Pieces, rate_hz: float) -> float:
+    return sum(len(piece.time_s) for _, _, piece in pieces) / rate_hz
+
+
+def _share(seconds: float, total_s: float) -> str:
+    return f"{seconds:.3g} s, {100.0 * seconds / total_s:.2g} % of {total_s:.4g} s"

@@ -1,0 +1,147 @@
+"""Which recordings of logs are held out: whole files, files by their names, or stretches of time.
+
+In: recordings by file, and `[training]` of `columns.toml`. Out: pieces with their splits. No
+recording is in two splits unless the splits are stretches of time.
+"""
+
+import fnmatch
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from wakedeploy.core.episodes import SPLITS
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.domains.split import split_in_order
+from wakedeploy.domains.tables.columns import Columns
+from wakedeploy.domains.tables.reading import without_ending
+
+_HELD_OUT = 0.15  # of each recording, for validation and for test
+_MOST_NAMED = 6  # logs in a sentence
+
+Pieces = list[tuple[str, str, Recording]]  # split, name, samples
+ByFile = Mapping[Path, tuple[Recording, ...]]
+
+
+def split_pieces(recordings: ByFile, columns: Columns) -> Pieces:
+    """Every recording with its split, cut where splits are stretches of time.
+
+    Raises UnusableInput for patterns that match no log or leave none, and for too few logs.
+    """
+    named = _named(list(recordings), columns)
+    drawn = [split for split in SPLITS if split not in named.values()]
+    if "train" not in drawn:  # only where both lists are given
+        drawn.insert(0, "train")
+    rest = [path for path in recordings if path not in named]
+    by_file = named | _drawn(rest, drawn, columns)
+    found: Pieces = []
+    for path, parts in recordings.items():
+        for recording in parts:
+            if path in by_file:
+                found.append((by_file[path], recording.name, recording))
+            else:
+                found += _cut_by_time(recording, drawn)
+    return found
+
+
+def _named(paths: Sequence[Path], columns: Columns) -> dict[Path, str]:
+    """The split of each file that a pattern names."""
+    found: dict[Path, str] = {}
+    for split in ("validation", "test"):
+        for pattern in getattr(columns.training, split):
+            matched = [path for path in paths if _matches(path, pattern)]
+            if not matched:
+                raise UnusableInput(
+                    f"{columns.file}: training.{split}: {pattern!r} matches no log; there are"
+                    f" {_listed(paths)}."
+                )
+            both = [path for path in matched if found.get(path, split) != split]
+            if both:
+                raise UnusableInput(
+                    f"{columns.file}: training: {both[0]} is in validation and in test; name it in"
+                    " one of them."
+                )
+            found |= dict.fromkeys(matched, split)
+    if len(found) == len(paths):
+        raise UnusableInput(
+            f"{columns.file}: training: validation and test match all {len(paths)} logs, and none"
+            " is left for training; name fewer, or give more logs."
+        )
+    return found
+
+
+def _matches(path: Path, pattern: str) -> bool:
+    """Whether a pattern names a log: its name, or with a slash its path from any folder on.
+
+    Either with the file's ending or without.
+    """
+    parts = path.as_posix().split("/")
+    starts = range(len(parts)) if "/" in pattern else (len(parts) - 1,)
+    tails = ["/".join(parts[start:]) for start in starts]
+    names = [*tails, *map(without_ending, tails)]
+    return any(fnmatch.fnmatchcase(name, pattern) for name in names)
+
+
+def _listed(paths: Sequence[Path]) -> str:
+    shown = ", ".join(path.as_posix() for path in paths[:_MOST_NAMED])
+    more = len(paths) - _MOST_NAMED
+    return shown if more <= 0 else f"{shown} and {more} more"
+
+
+def _drawn(paths: Sequence[Path], splits: Sequence[str], columns: Columns) -> dict[Path, str]:
+    """The split of each file that no pattern names; nothing where those files are cut by time."""
+    if len(splits) == 1:
+        return dict.fromkeys(paths, splits[0])
+    held_out = columns.training.held_out
+    if held_out == "time" or (held_out is None and len(paths) < len(splits)):
+        return {}
+    if len(paths) < len(splits):
+        raise UnusableInput(
+            f'{paths[0]}: held_out = "files" needs at least {len(splits)} logs, and there are'
+            f' {len(paths)}; give more, or held_out = "time".'
+        )
+    if len(splits) == len(SPLITS):
+        names = split_in_order([str(path) for path in paths])
+        return {path: names[str(path)] for path in paths}
+    held = max(1, round(_HELD_OUT * len(paths)))
+    return {p: splits[i >= len(paths) - held] for i, p in enumerate(paths)}
+
+
+def _cut_by_time(
+    recording: Recording, splits: Sequence[str]
+) -> Iterator[tuple[str, str, Recording]]:
+    """A recording in stretches: training first, then 15 % of it for each other split."""
+    samples, start = len(recording.time_s), 0.0
+    for place, split in enumerate(splits, 1):
+        end = 1.0 - _HELD_OUT * (len(splits) - place)
+        part = slice(round(start * samples), round(end * samples))
+        yield split, f"{recording.name}-{split}", _cut(recording, part)
+        start = end
+
+
+def _cut(recording: Recording, part: slice) -> Recording:
+    if len(recording.time_s[part]) < 2:
+        raise UnusableInput(
+            f"{recording.name}: has {len(recording.time_s)} samples, too few to cut into"
+            ' splits; give a longer log, or held_out = "files".'
+        )
+    columns = {name: values[part] for name, values in recording.columns.items()}
+    return Recording(recording.name, recording.time_s[part], columns)
+
+
+def long_enough(pieces: Pieces, window_s: float, rate_hz: float) -> Pieces:
+    """The pieces that are longer than the window; UnusableInput where a split has none."""
+    fewest = window_s * rate_hz + 2
+    kept = [piece for piece in pieces if len(piece[2].time_s) >= fewest]
+    for split in SPLITS:
+        if any(has == split for has, _, _ in kept):
+            continue
+        name, longest = max(
+            ((name, part) for has, name, part in pieces if has == split),
+            key=lambda piece: len(piece[1].time_s),
+        )
+        raise UnusableInput(
+            f"{name}: lasts {len(longest.time_s) / rate_hz:.3g} s and is the longest of the {split}"
+            f" split, which has no recording that is longer than the window of {window_s:g} s; give"
+            " longer logs, a shorter window_s, or another split in [training]."
+        )
+    return kept
