@@ -64,6 +64,33 @@ def test_scores_are_those_of_the_predictions(runs: wd.Runs) -> None:
     ]
 
 
+def test_each_episode_has_the_error_of_its_own_predictions(runs: wd.Runs, session: Path) -> None:
+    data, run = echo(), runs["history-mlp"]
+    package = wd.export(run, session / "episodes.onnx", data=data)
+    scores = wd.evaluate(run, data, split="all")
+    told = {each.episode: each for each in scores.rows[0].episodes}
+    assert list(told) == [episode.name for episode in data.part("all")]
+    for episode in data.part("all"):
+        late = data.warm_up_steps
+        off = (package.predict(episode.observation) - episode.force)[late:].astype(float)
+        rmse, zero = (np.sqrt(np.mean(each**2)) for each in (off, episode.force[late:]))
+        assert told[episode.name].samples == len(off)
+        assert told[episode.name].rmse["f_n"] == pytest.approx(rmse, rel=1e-3)
+        assert told[episode.name].relative["f_n"] == pytest.approx(rmse / zero, rel=1e-3)
+    assert wd.evaluate(runs, data).rows[1].episodes == runs.scores.rows[1].episodes
+
+
+def test_episodes_become_a_table(runs: wd.Runs) -> None:
+    with pytest.raises(wd.UnusableInput, match='give "runs" or "episodes"'):
+        runs.to_pandas("files")
+    pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    frame = wd.evaluate(runs, echo(), split="train").to_pandas("episodes")
+    assert list(frame["arch"]) == ["history-mlp"] * 4 + ["gru"] * 4
+    assert list(frame["episode"][:4]) == ["e0", "e1", "e2", "e3"]
+    pooled = np.sqrt(np.average(frame["rmse_f_n"][:4] ** 2, weights=frame["samples"][:4]))
+    assert pooled == pytest.approx(wd.evaluate(runs, echo(), "train").rows[0].rmse["f_n"])
+
+
 def test_scores_show_themselves(runs: wd.Runs) -> None:
     assert "RMSE f_n [N]: history-mlp s0" in repr(runs)
     assert "<td>gru</td>" in runs._repr_html_()

@@ -13,7 +13,7 @@ from wakedeploy.cli import main
 from wakedeploy.core.episodes import OBSERVER, EpisodeSet
 
 ROW = {"arch", "seed", "trainable", "frozen", "split", "rmse", "r2", "seconds", "device"}
-ROW |= {"run", "lead_s", "hyper", "settings", "kept_from", "data_sha256"}
+ROW |= {"run", "lead_s", "hyper", "settings", "kept_from", "data_sha256", "episodes"}
 
 
 def wakedeploy(*arguments: object) -> Result:
@@ -94,6 +94,25 @@ def test_one_run_folder_and_every_split_can_be_evaluated(folder: Path) -> None:
     assert done.exit_code == 0, done.output
     (row,) = json.loads((folder / "one.json").read_text())["rows"]
     assert (row["arch"], row["seed"], row["split"]) == ("agile-mlp", 1, "all")
+
+
+def test_evaluating_names_the_episodes_that_are_predicted_worst(
+    folder: Path, echo: EpisodeSet
+) -> None:
+    loud = dataclasses.replace(echo.episodes[4], force=5 * echo.episodes[4].force)
+    others = [episode for episode in echo.episodes if episode.name != loud.name]
+    dataclasses.replace(echo, episodes=(*others, loud)).write(folder / "loud")
+    done = wakedeploy(
+        "evaluate", folder / "runs", "--data", folder / "loud", "--split", "all",
+        "--json", folder / "loud.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    told = done.output[done.output.index("errs most: 5 of 6 episodes") :]
+    first = next(line for line in told.splitlines() if " e" in line and "episode" not in line)
+    assert f" {loud.name} " in first
+    rows = json.loads((folder / "loud.json").read_text())["rows"]
+    assert [len(row["episodes"]) for row in rows] == [6, 6, 6, 6]
+    assert set(rows[0]["episodes"][0]) == {"episode", "samples", "rmse", "relative"}
 
 
 def test_runs_of_other_settings_are_not_averaged_as_seeds(folder: Path) -> None:

@@ -9,6 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from trainers.training.episode_scores import worst_first
 from trainers.training.runs import CURVES, METRICS, PREDICTION, REPORT, RunConfig, TrainedRun
 from wakedeploy.core import pages
 from wakedeploy.core.files import write_text_whole
@@ -17,6 +18,7 @@ from wakedeploy.core.manifest import Quantity, Scores
 
 _LATE = 0.9  # of the epochs: a best one after that says that the fit was still getting better
 _GOOD, _POOR = 0.9, 0.5  # R²
+_EPISODES = 200  # that the page shows; the worst ones, where there are more
 _CAPTIONS = {
     CURVES: "The error over the strengths of the readout's ridge; the circle is the one taken.",
     PREDICTION: (
@@ -50,6 +52,8 @@ def _page_fields(run: TrainedRun) -> dict[str, Any]:
         "answers": [*chain(*(_answer(run, c) for c in config.force)), *_remarks(run)],
         "tile_pairs": _tiles(run),
         "errors": _errors(run),
+        "episodes": _episodes(run),
+        "episodes_of": len(metrics.test_episodes),
         "chart_of_errors": chart,
         "pictures": [pages.Picture(p, _CAPTIONS[name]) for name, p in drawn if p.exists()],
         "settings": _settings(config),
@@ -109,6 +113,22 @@ def _errors(run: TrainedRun) -> pages.Table:
         for c in run.config.force
     ]
     return pages.Table(["episodes", "force", "RMS error", "unit", "R²"], rows)
+
+
+def _episodes(run: TrainedRun) -> pages.Table:
+    """A row per test episode, the worst first."""
+    columns = ["episode", "samples"]
+    for channel in run.config.force:
+        columns += [f"RMS error of {channel.name} [{channel.unit}]", "by that of zero"]
+    rows = []
+    for episode in worst_first(run.metrics.test_episodes)[:_EPISODES]:
+        row = [episode.episode, str(episode.samples)]
+        for channel in run.config.force:
+            relative = episode.relative[channel.name]
+            row.append(f"{episode.rmse[channel.name]:.4g}")
+            row.append("–" if relative is None else f"{relative:.3f}")
+        rows.append(row)
+    return pages.Table(columns, rows)
 
 
 def _r2(scores: Scores, channel: Quantity) -> str:

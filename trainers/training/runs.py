@@ -21,6 +21,7 @@ from torch import Tensor
 from trainers.build import build
 from trainers.model import Predictor
 from trainers.present_only import CODE, present_only
+from trainers.training.episode_scores import EpisodeScore
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import json_of, sha256_of, write_bytes_whole, write_text_whole
 from wakedeploy.core.manifest import ObservationChannel, Quantity, Scores
@@ -97,7 +98,8 @@ class RunMetrics(_Record):
 
     `training_history` is the loss that each epoch descended, as `Standing` in
     `trainers.training.fit` tells it, `ridge` what a solved readout was chosen by. `device` is where
-    it was fitted; scores are always computed on the CPU. `data_folder` is where the set lay, if it
+    it was fitted; scores are always computed on the CPU. `test_episodes` are the errors in each
+    test episode; runs of an earlier version have none. `data_folder` is where the set lay, if it
     was read from a folder.
     """
 
@@ -113,6 +115,7 @@ class RunMetrics(_Record):
     validation: Scores
     test: Scores
     test_r2_ceiling: dict[str, float] | None
+    test_episodes: tuple[EpisodeScore, ...] = ()
     weights_sha256: str
     device: str = "cpu"
     data_folder: str | None = None

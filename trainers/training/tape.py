@@ -17,7 +17,8 @@ class Tape:
     """N samples of some episodes, end to end.
 
     Shapes: observation (N, d), force (N, o) `lead_s` later, first (N,) index of the first sample
-    of each sample's episode, scored (N,) whether it lies after the common warm-up.
+    of each sample's episode, scored (N,) whether it lies after the common warm-up. `names` and
+    `lengths` are those of the episodes, in order.
     """
 
     observation: Tensor
@@ -25,6 +26,7 @@ class Tape:
     first: Tensor
     scored: Tensor
     lengths: tuple[int, ...]
+    names: tuple[str, ...]
 
     @property
     def starts(self) -> list[int]:
@@ -39,6 +41,7 @@ class Tape:
             first=self.first.to(device),
             scored=self.scored.to(device),
             lengths=self.lengths,
+            names=self.names,
         )
 
 
@@ -59,22 +62,24 @@ def lay_tape(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> Tape:
 
     Raises UnusableInput when no sample is left after warm-up and lead.
     """
-    parts = [_with_target(episode, lead_s, data.rate_hz) for episode in data.part(split)]
-    parts = [(observation, force) for observation, force in parts if len(force) > warm_up]
+    every = [(e.name, *_with_target(e, lead_s, data.rate_hz)) for e in data.part(split)]
+    parts = [part for part in every if len(part[2]) > warm_up]
     if not parts:
         raise UnusableInput(
             f"The '{split}' split of this {data.domain} set has no episode longer than its warm-up"
             f" of {warm_up} samples plus a lead of {lead_s} s; record longer episodes or"
             " choose a smaller lead."
         )
-    lengths = tuple(len(force) for _, force in parts)
+    names, observations, forces = zip(*parts, strict=True)
+    lengths = tuple(map(len, forces))
     first = torch.tensor(np.repeat(np.cumsum((0, *lengths[:-1])), lengths))
     return Tape(
-        observation=torch.tensor(np.concatenate([observation for observation, _ in parts])),
-        force=torch.tensor(np.concatenate([force for _, force in parts])),
+        observation=torch.tensor(np.concatenate(observations)),
+        force=torch.tensor(np.concatenate(forces)),
         first=first,
         scored=torch.arange(len(first)) - first >= warm_up,
         lengths=lengths,
+        names=names,
     )
 
 

@@ -369,6 +369,7 @@ def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, de
         validation=_scores(validation, folder),
         test=_scores(test, folder),
         test_r2_ceiling=test.ceiling,
+        test_episodes=test.episodes,
         weights_sha256=sha256_of((folder / BEST).read_bytes()),
         device=device,
         data_folder=None if data.folder is None else str(data.folder),

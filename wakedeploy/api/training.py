@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from wakedeploy.api.inputs import PathLike, Warn, episode_set, warn_caller
-from wakedeploy.api.scores import ScoreRow, Scores, score_row
+from wakedeploy.api.scores import ScoreRow, Scores, Shown, score_row
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
@@ -51,9 +51,9 @@ class Runs(Sequence["TrainedRun"]):
             raise KeyError(f"{which!r} was not trained; there are {trained}")
         return found
 
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A row per run, as `Scores.to_pandas`. UnusableInput without pandas."""
-        return self.scores.to_pandas()
+    def to_pandas(self, rows: Shown = "runs") -> "pandas.DataFrame":
+        """A row per run or per episode, as `Scores.to_pandas`. UnusableInput without pandas."""
+        return self.scores.to_pandas(rows)
 
     def __repr__(self) -> str:
         return f"<Runs in {self.folder}: {self.scores!r}>"
@@ -169,7 +169,8 @@ def evaluate(
         warn: Called with a sentence about runs in a folder that do not fit the set.
 
     Returns:
-        RMSE in the unit of each channel and R², a row per run in the order of the paper's table.
+        RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
+        and the error of each run in each episode.
 
     Raises:
         UnusableInput: There is no finished run, none fits the set, or the split has no episode that
@@ -346,8 +347,8 @@ def _test_scores(runs: "Sequence[TrainedRun]", data: "EpisodeSet", lead_s: float
     from trainers.training.score import unlearned
 
     rows = [
-        score_row(run, "test", run.metrics.test.rmse, run.metrics.test.r2, run.metrics.seconds)
-        for run in runs
+        score_row(run, "test", (m.test.rmse, m.test.r2, m.test_episodes), m.seconds)
+        for run, m in ((run, run.metrics) for run in runs)
     ]
     nothing = {lead_s: unlearned(data, "test", lead_s)}
     return Scores(tuple(rows), nothing, runs[0].config.force, "test")
@@ -433,4 +434,5 @@ def _evaluated(run: "TrainedRun", data: "EpisodeSet", split: str, warm_up: int) 
 
     began = time.monotonic()
     result = score(run.predictor, data, split, run.config.lead_s, warm_up)
-    return score_row(run, split, result.rmse, result.r2, time.monotonic() - began)
+    found = (result.rmse, result.r2, result.episodes)
+    return score_row(run, split, found, time.monotonic() - began)

@@ -81,6 +81,9 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     assert "run-gantry" not in text  # no gantry
     dots = re.findall(r"<title>validation: ([\d.]+) at epoch (\d+)</title>", text)
     assert [float(error) ** 2 for error, _ in dots] == pytest.approx(run.metrics.history, rel=1e-3)
+    (tested,) = run.metrics.test_episodes
+    row = ("e0", str(tested.samples), f"{tested.rmse['f_n']:.4g}", f"{tested.relative['f_n']:.3f}")
+    assert "<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" in text
     before = write_run_report(run).stat().st_mtime_ns
     assert write_run_report(run).stat().st_mtime_ns == before
 
