@@ -69,14 +69,17 @@ def test_what_learned_nothing_stands_beside_what_did(folder: Path, echo: Episode
         echo, provenance={"default_lead_s": 0.05}, episodes=tuple(map(observing, echo.episodes))
     )
     observed.write(folder / "observed")
-    told = json.loads((folder / "train.json").read_text())["unlearned"]
-    assert [row["predictor"] for row in told] == ["zero"]
+    told = json.loads((folder / "train.json").read_text())["baselines"]
+    names = ["zero", "training mean", "linear, one tick", "linear, window"]
+    assert [row["predictor"] for row in told] == names
+    assert all(name in (folder / "train.txt").read_text() for name in names)
     done = wakedeploy(
         "evaluate", folder / "runs", "--data", folder / "observed", "--json", folder / "both.json"
     )
     assert done.exit_code == 0, done.output
     assert "no-learning observer" in done.output
-    zero, observer = json.loads((folder / "both.json").read_text())["unlearned"]
+    # The runs have not seen this set, so that no baseline learns from it either.
+    zero, observer = json.loads((folder / "both.json").read_text())["baselines"]
     then = [e.force[steps + later :, 0] for e in echo.part("test")]
     now = [0.5 * e.force[steps:-later, 0] for e in echo.part("test")]
     truth, seen = np.concatenate(then).astype(float), np.concatenate(now).astype(float)

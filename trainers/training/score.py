@@ -41,22 +41,7 @@ def score(
     """
     steps = data.warm_up_steps if warm_up is None else warm_up
     tape = lay_tape(data, split, lead_s, steps)
-    return _compared(predict(predictor, tape), tape, data, split, lead_s, steps)
-
-
-def unlearned(
-    data: EpisodeSet, split: str, lead_s: float, warm_up: int | None = None
-) -> dict[str, Score]:
-    """What has learned nothing, on the same samples: zero, and the observer that a set may carry.
-
-    A network that does not beat them has learned nothing of use. Raises as `score` does.
-    """
-    steps = data.warm_up_steps if warm_up is None else warm_up
-    tape = lay_tape(data, split, lead_s, steps)
-    return {
-        name: _compared(forces, tape, data, split, lead_s, steps)
-        for name, forces in unlearned_forces(tape, data, split, lead_s, steps).items()
-    }
+    return compared(predict(predictor, tape), tape, data, split, lead_s, steps)
 
 
 def unlearned_forces(
@@ -78,7 +63,7 @@ def unlearned_forces(
     return forecasts
 
 
-def _compared(
+def compared(
     forces: Tensor, tape: Tape, data: EpisodeSet, split: str, lead_s: float, warm_up: int
 ) -> Score:
     """Forces (N, o) of every sample of the tape against its own, after the warm-up."""

@@ -1,4 +1,4 @@
-"""Errors of trained predictors as a table: a row per run, beside what has learned nothing."""
+"""Errors of trained predictors as a table: a row per run, beside what they have to beat."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -92,14 +92,15 @@ def score_row(
 class Scores:
     """Errors of several runs on the same samples, forces (T, o), of one split.
 
-    `rows` has a `ScoreRow` per run; `force` are the channels with their units. `unlearned` has, by
-    lead [s], what learned nothing: `zero`, and a set's observer of the sufferer's motion. RMSE is
+    `rows` has a `ScoreRow` per run; `force` are the channels with their units. `baselines` has, by
+    lead [s] and name, what a predictor has to beat: zero, the training set's mean force, linear
+    regressions on one tick and on a window, and a set's observer of the sufferer's motion. RMSE is
     in the channel's unit (N for forces), R² has none. `to_pandas` raises UnusableInput where pandas
     is not installed.
     """
 
     rows: tuple[ScoreRow, ...]
-    unlearned: Mapping[float, Mapping[str, "Score"]]
+    baselines: Mapping[float, Mapping[str, "Score"]]
     force: tuple[Quantity, ...]
     split: str
 
@@ -162,7 +163,7 @@ class Scores:
         ]
         rows += [
             [name, "", f"{lead_s:g}", "", *self._cells(score)]
-            for lead_s, scores in self.unlearned.items()
+            for lead_s, scores in self.baselines.items()
             for name, score in scores.items()
         ]
         return html_table(f"{self.split.capitalize()} episodes", columns, rows)

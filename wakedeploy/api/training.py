@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from trainers.preset import Preset
     from trainers.trackers import Tracker
     from trainers.training.runs import RunConfig, TrainedRun
+    from trainers.training.score import Score
     from wakedeploy.core.episodes import EpisodeSet
 
 
@@ -73,6 +74,7 @@ class _Manner:
     pictures: bool
     progress: Progress
     warn: Warn
+    baselines: "Callable[[], Mapping[str, Score]]"
 
 
 def train(
@@ -129,6 +131,7 @@ def train(
         CheckFailed: A fit diverged.
     """
     from trainers.preset import REFERENCE, TUNED, read_preset
+    from trainers.training.baselines import baselines
     from trainers.training.trainer import chosen_lead_s
 
     data = episode_set(data)
@@ -139,13 +142,14 @@ def train(
     presets = {name: usable_preset(preset, name, data, lead_s, warn) for name in names}
     configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
     opened = _opened(tracker, Path(out), warn)
-    manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn)
+    beside = functools.cache(lambda: baselines(data, "test", lead_s))
+    manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn, beside)
     with _threads(threads):
         runs = [
             _trained(config, data, manner, f"{number} of {len(configs)}")
             for number, config in enumerate(configs, 1)
         ]
-        return Runs(runs, Path(out), _test_scores(runs, data, lead_s))
+        return Runs(runs, Path(out), _test_scores(runs, {lead_s: beside()}))
 
 
 def evaluate(
@@ -170,7 +174,8 @@ def evaluate(
 
     Returns:
         RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
-        and the error of each run in each episode.
+        the error of each run in each episode, and that of baselines. Those that learn stand beside
+        runs that were trained on this very set.
 
     Raises:
         UnusableInput: There is no finished run, none fits the set, or the split has no episode that
@@ -184,12 +189,14 @@ def evaluate(
     for number, run in enumerate(trained, 1):
         rows.append(_evaluated(run, data, split, warm_up))
         progress("Evaluating", number, len(trained))
-    from trainers.training.score import unlearned
+    from trainers.training.baselines import baselines
 
-    # Forces at different times do not compare, so that each lead has its own.
+    # Forces at different times do not compare, so that each lead has its own. What runs have not
+    # learned from teaches no baseline either: of other recordings it would know more than they do.
+    fitted = all(run.config.data_sha256 == data.sha256 for run in trained)
     leads = sorted({run.config.lead_s for run in trained})
-    nothing = {lead_s: unlearned(data, split, lead_s, warm_up) for lead_s in leads}
-    return Scores(tuple(rows), nothing, trained[0].config.force, split)
+    beside = {s: baselines(data, split, s, warm_up, fitted=fitted) for s in leads}
+    return Scores(tuple(rows), beside, trained[0].config.force, split)
 
 
 # --- what is trained ----------------------------------------------------------------------------
@@ -328,7 +335,7 @@ def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: s
             _drawn(lambda: write_pictures_so_far(folder, data), manner)
             raise
         tracked.finished(run, _drawn(lambda: write_pictures(run, data), manner))
-        _drawn(lambda: [write_run_report(run)], manner)
+        _drawn(lambda: [write_run_report(run, manner.baselines())], manner)
     return run
 
 
@@ -343,15 +350,14 @@ def _drawn(write: Callable[[], list[Path]], manner: _Manner) -> list[Path]:
         return []
 
 
-def _test_scores(runs: "Sequence[TrainedRun]", data: "EpisodeSet", lead_s: float) -> Scores:
-    from trainers.training.score import unlearned
-
+def _test_scores(
+    runs: "Sequence[TrainedRun]", beside: "Mapping[float, Mapping[str, Score]]"
+) -> Scores:
     rows = [
         score_row(run, "test", (m.test.rmse, m.test.r2, m.test_episodes), m.seconds)
         for run, m in ((run, run.metrics) for run in runs)
     ]
-    nothing = {lead_s: unlearned(data, "test", lead_s)}
-    return Scores(tuple(rows), nothing, runs[0].config.force, "test")
+    return Scores(tuple(rows), beside, runs[0].config.force, "test")
 
 
 # --- scoring ------------------------------------------------------------------------------------
