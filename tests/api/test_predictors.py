@@ -61,17 +61,19 @@ def test_a_data_frames_columns_are_found_by_name(predictor: wd.Predictor) -> Non
     frame = pandas.DataFrame(series, columns=names)
     frame.insert(0, "t_s", np.arange(5.0))
     np.testing.assert_array_equal(predictor.predict(frame), predictor.predict(series))
-    with pytest.raises(ValueError, match=f"no column {names[0]}"):
+    with pytest.raises(wd.UnusableInput, match=f"no column {names[0]}"):
         predictor.predict(frame.drop(columns=names[0]))
 
 
 def test_nothing_gives_nothing_and_another_shape_is_refused(predictor: wd.Predictor) -> None:
     inputs, outputs = len(predictor.manifest.observation), len(predictor.manifest.force)
     assert predictor.predict(np.empty((0, inputs))).shape == (0, outputs)
-    with pytest.raises(ValueError, match=r"where this package expects \(T, "):
+    with pytest.raises(wd.UnusableInput, match=r"give \(T, "):
         predictor.predict(np.zeros((4, inputs + 1)))
-    with pytest.raises(ValueError, match="expects"):
+    with pytest.raises(wd.UnusableInput, match=r"give \(T, "):
         predictor.predict(np.zeros(inputs))
+    with pytest.raises(wd.UnusableInput, match="not an array of numbers"):
+        predictor.predict([["fast"] * inputs])
 
 
 def test_a_predictor_says_what_it_is(predictor: wd.Predictor) -> None:

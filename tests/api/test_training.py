@@ -110,6 +110,26 @@ def test_an_exported_run_predicts_what_it_did_in_training(runs: wd.Runs, session
     assert wd.load(session / "made.onnx").manifest == made.manifest
 
 
+def test_a_run_predicts_and_draws_as_its_package_does(runs: wd.Runs, session: Path) -> None:
+    data, run = echo(), runs["gru"]
+    package = wd.export(run, session / "same.onnx", data=data)
+    (episode,) = data.part("test")
+    series = np.stack([episode.observation[:90], episode.observation[100:190]])
+    for given in (episode.observation, series, series.tolist()):
+        forces = run.predict(given)
+        assert forces.dtype == np.float32
+        np.testing.assert_allclose(forces, package.predict(given), rtol=1e-4, atol=1e-6)
+    assert run.predict(np.empty((0, 1))).shape == (0, 1)
+    with pytest.raises(wd.UnusableInput, match=r"shape \(90, 2\); give \(T, 1\) or .*: u\."):
+        run.predict(np.zeros((90, 2)))
+    lines = {line.get_label(): line for line in run.plot(data).axes[0].lines}
+    late = data.warm_up_steps
+    np.testing.assert_allclose(
+        lines["predicted"].get_ydata(), run.predict(episode.observation)[late:, 0]
+    )
+    np.testing.assert_allclose(lines["true"].get_ydata(), episode.force[late:, 0])
+
+
 @c_compiler
 def test_an_exported_run_becomes_c_beside_its_package(runs: wd.Runs, session: Path) -> None:
     data, file = echo(), session / "beside.onnx"

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from trainers.training.targets import shift_ahead
-from wakedeploy.core.episodes import Episode, EpisodeSet
+from wakedeploy.core.episodes import Array, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 
 
@@ -43,6 +43,19 @@ class Tape:
             lengths=self.lengths,
             names=self.names,
         )
+
+
+def tape_of(series: Array, outputs: int) -> Tape:
+    """Series (B, T, d) of observations alone: none is scored, and forces (B · T, o) are 0."""
+    count, steps, inputs = series.shape
+    return Tape(
+        observation=torch.tensor(series).reshape(count * steps, inputs),
+        force=torch.zeros(count * steps, outputs),
+        first=torch.arange(count).repeat_interleave(steps) * steps,
+        scored=torch.zeros(count * steps, dtype=torch.bool),
+        lengths=(steps,) * count,
+        names=("",) * count,
+    )
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ class Runs(Sequence["TrainedRun"]):
 
     `runs[0]` is the first, `runs["gru"]` the first of an architecture. `folder` is where they lie,
     `scores` their errors: RMSE in the unit of each force channel (N for forces), R² without one.
-    Each run predicts forces (T, o) from observations (T, d). KeyError for an architecture that was
-    not trained.
+    `run.predict(observations)` of each gives forces (T, o) for observations (T, d), `run.plot()` a
+    test episode and its prediction. KeyError for an architecture that was not trained.
     """
 
     def __init__(self, runs: Sequence["TrainedRun"], folder: Path, scores: Scores) -> None:
