@@ -67,6 +67,8 @@ def test_a_data_frames_columns_are_found_by_name(predictor: wd.Predictor) -> Non
 
 def test_nothing_gives_nothing_and_another_shape_is_refused(predictor: wd.Predictor) -> None:
     inputs, outputs = len(predictor.manifest.observation), len(predictor.manifest.force)
+    with pytest.raises(wd.UnusableInput, match=rf"shape \({inputs + 1},\)"):
+        predictor.step(np.zeros(inputs + 1))
     assert predictor.predict(np.empty((0, inputs))).shape == (0, outputs)
     with pytest.raises(wd.UnusableInput, match=r"give \(T, "):
         predictor.predict(np.zeros((4, inputs + 1)))

@@ -35,7 +35,7 @@ class Predictor:
     `predict` takes whole series (T, d) from a cold start; `step` goes on from call to call, one
     observation (d,) at a time, until `reset`. Forces are those `lead_s` seconds ahead of the newest
     observation, float32. Before `manifest.warm_up_steps` observations its memory is not full.
-    Raises ValueError for another shape, CheckFailed where onnxruntime gives up.
+    Raises UnusableInput for another shape, CheckFailed where onnxruntime gives up.
     """
 
     def __init__(self, package: Flyable, path: Path) -> None:
@@ -70,7 +70,7 @@ class Predictor:
     def step(self, observation: npt.ArrayLike) -> FloatArray:
         """The force (o,) for the newest observation (d,), with what it remembers of those before.
 
-        Raises ValueError for another shape.
+        Raises UnusableInput for another shape and what is no number.
         """
         if self._live is None:
             self._live = predictor_of(self.package)
