@@ -1,6 +1,8 @@
 """Training, scoring and exporting from Python: on the small set, with the commands' own numbers."""
 
+import dataclasses
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +80,19 @@ def test_each_episode_has_the_error_of_its_own_predictions(runs: wd.Runs, sessio
         assert told[episode.name].rmse["f_n"] == pytest.approx(rmse, rel=1e-3)
         assert told[episode.name].relative["f_n"] == pytest.approx(rmse / zero, rel=1e-3)
     assert wd.evaluate(runs, data).rows[1].episodes == runs.scores.rows[1].episodes
+
+
+def test_a_set_in_another_unit_is_warned_of_and_named(runs: wd.Runs) -> None:
+    data = echo()
+    tenfold = [dataclasses.replace(e, observation=10 * e.observation) for e in data.episodes]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        wd.evaluate(runs, data)
+    told: list[str] = []
+    wd.evaluate(runs, dataclasses.replace(data, episodes=tuple(tenfold)), warn=told.append)
+    (sentence,) = told
+    assert "u is " in sentence
+    assert "check the unit" in sentence
 
 
 def test_episodes_become_a_table(runs: wd.Runs) -> None:

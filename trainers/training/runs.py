@@ -29,7 +29,7 @@ from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.figures import showing_itself
 from wakedeploy.core.files import json_of, sha256_of, write_bytes_whole, write_text_whole
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity, Scores
-from wakedeploy.core.observations import series_of
+from wakedeploy.core.observations import series_of, warn_out_of_range
 from wakedeploy.core.processes import unheard
 from wakedeploy.core.validation import first_problem
 
@@ -150,12 +150,14 @@ class TrainedRun:
         `config.force`, `config.lead_s` seconds ahead; before `config.warm_up_steps` observations
         the memory is not full. The columns of a DataFrame are taken by their names, those of an
         array in the order of `config.observation`. Raises UnusableInput for another shape, a
-        missing channel or what is no number.
+        missing channel or what is no number. Warns by `wd.OutOfRange` where a channel has other
+        values than in training, as in another unit.
         """
         from trainers.training.predict import predict
         from trainers.training.tape import tape_of
 
         given = series_of(observations, self.config.observation)  # (T, d) or (B, T, d)
+        warn_out_of_range(given, self.config.observation)
         shape = (*given.shape[:-1], len(self.config.force))
         if given.size == 0:
             return np.empty(shape, np.float32)

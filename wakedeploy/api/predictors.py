@@ -15,7 +15,7 @@ from wakedeploy.api.display import html_table
 from wakedeploy.api.inputs import PathLike, episode_set, rig_of
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import FloatArray, Manifest
-from wakedeploy.core.observations import series_of
+from wakedeploy.core.observations import series_of, warn_out_of_range
 from wakedeploy.core.package import Package
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -57,9 +57,12 @@ class Predictor:
 
         Every call begins with an empty memory and leaves that of `step` alone. The columns of a
         DataFrame are taken by their names, those of an array in the manifest's order. Raises
-        UnusableInput for another shape, a missing channel or what is no number.
+        UnusableInput for another shape, a missing channel or what is no number. Warns by
+        `wd.OutOfRange` where a channel has other values than in training, as in another unit;
+        `step` does not.
         """
         given = series_of(observations, self.manifest.observation)  # (T, d) or (B, T, d)
+        warn_out_of_range(given, self.manifest.observation)
         series = given[None] if given.ndim == 2 else given  # (B, T, d)
         runner = predictor_of(self.package, batch=len(series))
         stepped = [runner.step(newest) for newest in series.swapaxes(0, 1)]  # T times (B, o)

@@ -170,7 +170,8 @@ def evaluate(
         data: A set, or the folder of one; its channels and rate have to be the runs'.
         split: "train", "validation", "test" or "all".
         progress: Called with a stage, the runs done and their number.
-        warn: Called with a sentence about runs in a folder that do not fit the set.
+        warn: Called with a sentence about runs in a folder that do not fit the set, and about
+            channels that have other values than in training.
 
     Returns:
         RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
@@ -184,6 +185,7 @@ def evaluate(
     place = data
     data = episode_set(data)
     trained = _trained_runs(runs, data, place, progress, warn)
+    _warn_of_ranges(trained, data, split, warn)
     warm_up = max(data.warm_up_steps, *(run.config.warm_up_steps for run in trained))
     rows = []
     for number, run in enumerate(trained, 1):
@@ -426,6 +428,21 @@ def misfit(config: "RunConfig", data: "EpisodeSet") -> str | None:
 
 def _listed(channels: list[tuple[str, str]]) -> str:
     return ", ".join(f"{name} [{unit}]" for name, unit in channels)
+
+
+def _warn_of_ranges(
+    trained: "list[TrainedRun]", data: "EpisodeSet", split: str, warn: Warn
+) -> None:
+    """Tell once of each set that was learned from where this one has other values."""
+    import numpy as np
+
+    from wakedeploy.core.observations import out_of_range
+
+    others = {r.config.data_sha256: r for r in trained if r.config.data_sha256 != data.sha256}
+    for run in others.values():
+        seen = np.concatenate([episode.observation for episode in data.part(split)])
+        if sentence := out_of_range(seen, run.config.observation):
+            warn(f"{run.folder}: {sentence}")
 
 
 def _place_in_table(run: "TrainedRun") -> tuple[int, int]:

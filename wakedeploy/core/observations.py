@@ -1,12 +1,16 @@
-"""Observations as a caller gives them: numbers in the order of a predictor's channels."""
+"""Observations as a caller gives them: a predictor's channels in order, and in their ranges."""
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.manifest import FloatArray, Quantity
+from wakedeploy.core.errors import OutOfRange, UnusableInput
+from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
+
+_BEYOND = 0.25  # of a range's width on either side: m/s read as knots are 1.9 times as large
+_SHARE = 0.05  # of the values that may lie further out
 
 
 def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> FloatArray:
@@ -36,3 +40,29 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
             f" (B, T, {len(names)}): {', '.join(names)}."
         )
     return values
+
+
+def warn_out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> None:
+    """Warn who called the caller, by `OutOfRange`, where `out_of_range` has something to say."""
+    if sentence := out_of_range(values, channels):
+        warnings.warn(sentence, OutOfRange, stacklevel=3)
+
+
+def out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> str | None:
+    """Which channels of observations (…, d) have other values than in training, in a sentence.
+
+    Those are meant of whose values more than a twentieth lie outside the range of the training
+    episodes by more than a quarter of its width. None where there is no such channel.
+    """
+    found = []
+    for each, channel in zip(values.reshape(-1, len(channels)).T, channels, strict=True):
+        margin = _BEYOND * (channel.max - channel.min)
+        far = (each < channel.min - margin) | (each > channel.max + margin)
+        if far.any() and far.mean() > _SHARE:
+            found.append(
+                f"{channel.name} is {np.nanmin(each):.3g} to {np.nanmax(each):.3g}, in training it"
+                f" was {channel.min:.3g} to {channel.max:.3g} {channel.unit}"
+            )
+    if not found:
+        return None
+    return f"{'; '.join(found)}: check the unit. Forces for what was never learned may be far off."
