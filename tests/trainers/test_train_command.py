@@ -146,7 +146,8 @@ def test_runs_of_other_settings_are_not_averaged_as_seeds(folder: Path) -> None:
         (["--arch", "gru", "--hyper", "tcn.kernel=3"], "ARCH.NAME=VALUE for one of gru"),
         (["--arch", "gru", "--hyper", "gru.hidden=many"], "is not a number"),
         (["--arch", "gru", "--hyper", "gru.hidden=220"], "budget is fewer than 100,000"),
-        (["--arch", "agile-mlp", "--epochs", "4"], "epochs = 3, not 4"),
+        (["--arch", "agile-mlp", "--epochs", "4"], "epochs = 3, not 4: its learning rate fell"),
+        (["--arch", "agile-mlp", "--epochs", "3", "--learning-rate", "0.1"], "not 0.1; choose"),
     ],
 )
 def test_unusable_arguments_are_one_sentence_and_status_2(

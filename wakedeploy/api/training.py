@@ -108,12 +108,12 @@ def train(
         seeds: How many runs of each architecture, seeds 0, 1, …
         lead_s: Predict the force this many seconds ahead. Default: what the set states, or 0.
         out: The folder of all runs; each lies in `<domain>/<arch>/s<seed>`.
-        epochs: Default: 60.
+        epochs: Default: 60, or those of the preset. A finished run is not lengthened.
         learning_rate: Its peak. Default: 0.003, Mamba 0.01.
         hyper: Changed hyper-parameters, `{"gru.hidden": 48}`; of a single architecture also
             `{"hidden": 48}`.
         preset: "reference" (the paper's shapes), "tuned" (those that ship for the set's domain) or
-            the file that `tune` wrote.
+            the file that `tune` wrote: its shape, and its fit with the search's epochs.
         threads: CPU threads of torch meanwhile. On the CPU the same number gives the same weights.
         device: "auto", "cpu" or "cuda".
         fresh: Replace runs that lie in `out` already.

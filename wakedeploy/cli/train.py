@@ -39,7 +39,9 @@ _KEPT = ("last.safetensors", "metrics.json")
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default="runs", show_default=True
 )
-@click.option("--epochs", type=click.IntRange(1, 100_000), help="Default: 60.")
+@click.option(
+    "--epochs", type=click.IntRange(1, 100_000), help="Default: 60, or those of the --preset."
+)
 @click.option(
     "--learning-rate", type=click.FloatRange(1e-7, 1), help="Peak. Default: 0.003, Mamba 0.01."
 )
@@ -56,7 +58,8 @@ _KEPT = ("last.safetensors", "metrics.json")
     default="reference",
     show_default=True,
     metavar="reference|tuned|FILE",
-    help="The paper's shapes, those tuned for the set's domain, or what `tune` found.",
+    help="The paper's shapes, those tuned for the set's domain, or what `tune` found: shape,"
+    " learning rate, batch and its --epochs.",
 )
 @click.option(
     "--threads",

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from wakedeploy.core.errors import OutOfRange, UnusableInput
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
 
-_BEYOND = 0.25  # of a range's width on either side: m/s read as knots are 1.9 times as large
+_BEYOND = 0.25  # of a range's width on either side: also ±3 m/s, read as ±5.8 kn, is outside
 _SHARE = 0.05  # of the values that may lie further out
 
 
