@@ -84,8 +84,8 @@ def _by_episode(
     error: Tensor, truth: Tensor, tape: Tape, channels: list[str]
 ) -> tuple[EpisodeScore, ...]:
     """The scored samples (M, o) of a tape, episode by episode."""
-    counts = [int(part.sum()) for part in tape.scored.split(tape.lengths)]
-    parts = zip(tape.names, error.split(counts), truth.split(counts), strict=True)
+    counts = [int(part.sum()) for part in torch.split(tape.scored, list(tape.lengths))]
+    parts = zip(tape.names, torch.split(error, counts), torch.split(truth, counts), strict=True)
     return tuple(
         _in_episode(name, _rms(off).tolist(), _rms(force).tolist(), len(off), channels)
         for name, off, force in parts
