@@ -5,7 +5,10 @@ import abc
 import numpy as np
 import numpy.typing as npt
 
+from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.manifest import FloatArray, Manifest
+
+_NUMBERS = "fiub"  # kinds of arrays that are real numbers
 
 
 class SteppedPredictor(abc.ABC):
@@ -44,12 +47,17 @@ class SteppedPredictor(abc.ABC):
     def step(self, observation: npt.ArrayLike) -> FloatArray:
         """The force, float32 (o,), for the newest observation (d,); with a batch (B, o), (B, d).
 
-        SI units, channels in the manifest's order. Raises ValueError for another shape, CheckFailed
-        where the step cannot be computed.
+        SI units, channels in the manifest's order. Raises UnusableInput for another shape and what
+        is no number, CheckFailed where the step cannot be computed.
         """
-        newest = np.asarray(observation)
+        try:
+            newest = np.asarray(observation)
+        except ValueError as error:  # lists of several lengths
+            raise UnusableInput(self._refusal(one_line(error))) from error
         if newest.shape not in self._shapes:
-            raise ValueError(self._refusal(newest.shape))
+            raise UnusableInput(self._refusal(f"it has shape {newest.shape}"))
+        if newest.dtype.kind not in _NUMBERS:
+            raise UnusableInput(self._refusal("it holds what is no number"))
         self._compute(newest)
         self._seen += 1
         return self._force[0].copy() if newest.ndim == 1 else self._force.copy()
@@ -62,8 +70,8 @@ class SteppedPredictor(abc.ABC):
     def _compute(self, newest: npt.NDArray[np.generic]) -> None:
         """Take the observation in, leave the force in `_force`; `_seen` steps came before."""
 
-    def _refusal(self, shape: tuple[int, ...]) -> str:
+    def _refusal(self, why: str) -> str:
         d = len(self.manifest.observation)
         expected = (d,) if self.batch == 1 else (self.batch, d)
         names = ", ".join(channel.name for channel in self.manifest.observation)
-        return f"observation of shape {shape} where this predictor expects {expected}: {names}"
+        return f"The observation cannot be used ({why}); give shape {expected}: {names}."

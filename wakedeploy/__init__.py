@@ -47,6 +47,7 @@ _FROM = {
     "WakedeployError": "wakedeploy.core.errors",
     "UnusableInput": "wakedeploy.core.errors",
     "CheckFailed": "wakedeploy.core.errors",
+    "OutOfRange": "wakedeploy.core.errors",
 }
 __all__ = ["__version__", *_FROM]
 

@@ -21,6 +21,7 @@ from wakedeploy.core.episodes import Channel as Channel
 from wakedeploy.core.episodes import Episode as Episode
 from wakedeploy.core.episodes import EpisodeSet as EpisodeSet
 from wakedeploy.core.errors import CheckFailed as CheckFailed
+from wakedeploy.core.errors import OutOfRange as OutOfRange
 from wakedeploy.core.errors import UnusableInput as UnusableInput
 from wakedeploy.core.errors import WakedeployError as WakedeployError
 from wakedeploy.core.recording import Recording as Recording

@@ -139,7 +139,8 @@ def _train_on(folder: Path) -> None:
 def _row(run: TrainedRun) -> ScoreRow:
     """As `train` tells of a run."""
     tested = run.metrics.test
-    return score_row(run, "test", tested.rmse, tested.r2, run.metrics.seconds)
+    episodes = run.metrics.test_episodes
+    return score_row(run, "test", (tested.rmse, tested.r2, episodes), run.metrics.seconds)
 
 
 def mend_set(draw: random.Random, files: dict[str, bytes], folder: str = "") -> None:

@@ -1,5 +1,6 @@
 """Packages from Python: series from a cold start, steps that remember, columns by name."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from needs import c_compiler
 
 import wakedeploy as wd
 from runtime.predictor import PackagePredictor
+from wakedeploy.core.manifest import ObservationChannel
+from wakedeploy.core.observations import out_of_range
 from wakedeploy.core.package import Package, write_package
 
 
@@ -61,17 +64,47 @@ def test_a_data_frames_columns_are_found_by_name(predictor: wd.Predictor) -> Non
     frame = pandas.DataFrame(series, columns=names)
     frame.insert(0, "t_s", np.arange(5.0))
     np.testing.assert_array_equal(predictor.predict(frame), predictor.predict(series))
-    with pytest.raises(ValueError, match=f"no column {names[0]}"):
+    with pytest.raises(wd.UnusableInput, match=f"no column {names[0]}"):
         predictor.predict(frame.drop(columns=names[0]))
 
 
 def test_nothing_gives_nothing_and_another_shape_is_refused(predictor: wd.Predictor) -> None:
     inputs, outputs = len(predictor.manifest.observation), len(predictor.manifest.force)
+    with pytest.raises(wd.UnusableInput, match=rf"shape \({inputs + 1},\)"):
+        predictor.step(np.zeros(inputs + 1))
     assert predictor.predict(np.empty((0, inputs))).shape == (0, outputs)
-    with pytest.raises(ValueError, match=r"where this package expects \(T, "):
+    with pytest.raises(wd.UnusableInput, match=r"give \(T, "):
         predictor.predict(np.zeros((4, inputs + 1)))
-    with pytest.raises(ValueError, match="expects"):
+    with pytest.raises(wd.UnusableInput, match=r"give \(T, "):
         predictor.predict(np.zeros(inputs))
+    with pytest.raises(wd.UnusableInput, match="not an array of numbers"):
+        predictor.predict([["fast"] * inputs])
+
+
+def test_other_values_than_in_training_are_warned_of_and_named(predictor: wd.Predictor) -> None:
+    """The tiny packages saw -1 to 1 m: a twentieth may lie beyond 1.5, not more."""
+    series = np.zeros((100, 2), np.float32)
+    series[:5, 0] = 1.6
+    series[:, 1] = 1.4
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        predictor.predict(series)
+        series[5, 0] = 1.6
+        predictor.step(series[5])
+    with pytest.warns(wd.OutOfRange) as told:
+        predictor.predict(series)
+    (warning,) = told
+    assert "dx_m is 0 to 1.6, in training it was -1 to 1 m: check the unit" in str(warning.message)
+    assert "dz_m" not in str(warning.message)
+    assert warning.filename == __file__
+
+
+def test_knots_for_metres_a_second_are_warned_of() -> None:
+    """A boat at 0 to 3 m/s, read in knots."""
+    speed = (ObservationChannel(name="speed_mps", unit="m/s", min=0.0, max=3.0),)
+    mps = 1.5 - 1.5 * np.cos(np.linspace(0.0, 20.0, 400, dtype=np.float32))[:, None]
+    assert out_of_range(mps, speed) is None
+    assert "check the unit" in out_of_range(mps / 0.5144, speed)
 
 
 def test_a_predictor_says_what_it_is(predictor: wd.Predictor) -> None:

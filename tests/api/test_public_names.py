@@ -13,7 +13,7 @@ import pytest
 import wakedeploy as wd
 
 PUBLIC = [name for name in wd.__all__ if name != "__version__"]
-ERRORS = {"WakedeployError", "UnusableInput", "CheckFailed"}
+ERRORS = {"WakedeployError", "UnusableInput", "CheckFailed", "OutOfRange"}
 RESULTS = [n for n in PUBLIC if inspect.isclass(getattr(wd, n)) and n not in ERRORS]
 FUNCTIONS = [name for name in PUBLIC if inspect.isfunction(getattr(wd, name))]
 

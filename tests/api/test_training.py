@@ -1,6 +1,8 @@
 """Training, scoring and exporting from Python: on the small set, with the commands' own numbers."""
 
+import dataclasses
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +66,46 @@ def test_scores_are_those_of_the_predictions(runs: wd.Runs) -> None:
     ]
 
 
+def test_each_episode_has_the_error_of_its_own_predictions(runs: wd.Runs, session: Path) -> None:
+    data, run = echo(), runs["history-mlp"]
+    package = wd.export(run, session / "episodes.onnx", data=data)
+    scores = wd.evaluate(run, data, split="all")
+    told = {each.episode: each for each in scores.rows[0].episodes}
+    assert list(told) == [episode.name for episode in data.part("all")]
+    for episode in data.part("all"):
+        late = data.warm_up_steps
+        off = (package.predict(episode.observation) - episode.force)[late:].astype(float)
+        rmse, zero = (np.sqrt(np.mean(each**2)) for each in (off, episode.force[late:]))
+        assert told[episode.name].samples == len(off)
+        assert told[episode.name].rmse["f_n"] == pytest.approx(rmse, rel=1e-3)
+        assert told[episode.name].relative["f_n"] == pytest.approx(rmse / zero, rel=1e-3)
+    assert wd.evaluate(runs, data).rows[1].episodes == runs.scores.rows[1].episodes
+
+
+def test_a_set_in_another_unit_is_warned_of_and_named(runs: wd.Runs) -> None:
+    data = echo()
+    tenfold = [dataclasses.replace(e, observation=10 * e.observation) for e in data.episodes]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        wd.evaluate(runs, data)
+    told: list[str] = []
+    wd.evaluate(runs, dataclasses.replace(data, episodes=tuple(tenfold)), warn=told.append)
+    (sentence,) = told
+    assert "u is " in sentence
+    assert "check the unit" in sentence
+
+
+def test_episodes_become_a_table(runs: wd.Runs) -> None:
+    with pytest.raises(wd.UnusableInput, match='give "runs" or "episodes"'):
+        runs.to_pandas("files")
+    pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    frame = wd.evaluate(runs, echo(), split="train").to_pandas("episodes")
+    assert list(frame["arch"]) == ["history-mlp"] * 4 + ["gru"] * 4
+    assert list(frame["episode"][:4]) == ["e0", "e1", "e2", "e3"]
+    pooled = np.sqrt(np.average(frame["rmse_f_n"][:4] ** 2, weights=frame["samples"][:4]))
+    assert pooled == pytest.approx(wd.evaluate(runs, echo(), "train").rows[0].rmse["f_n"])
+
+
 def test_scores_show_themselves(runs: wd.Runs) -> None:
     assert "RMSE f_n [N]: history-mlp s0" in repr(runs)
     assert "<td>gru</td>" in runs._repr_html_()
@@ -81,6 +123,26 @@ def test_an_exported_run_predicts_what_it_did_in_training(runs: wd.Runs, session
     trained = predict(runs["history-mlp"].predictor, tape).numpy()
     np.testing.assert_allclose(made.predict(episode.observation), trained, rtol=1e-4, atol=1e-7)
     assert wd.load(session / "made.onnx").manifest == made.manifest
+
+
+def test_a_run_predicts_and_draws_as_its_package_does(runs: wd.Runs, session: Path) -> None:
+    data, run = echo(), runs["gru"]
+    package = wd.export(run, session / "same.onnx", data=data)
+    (episode,) = data.part("test")
+    series = np.stack([episode.observation[:90], episode.observation[100:190]])
+    for given in (episode.observation, series, series.tolist()):
+        forces = run.predict(given)
+        assert forces.dtype == np.float32
+        np.testing.assert_allclose(forces, package.predict(given), rtol=1e-4, atol=1e-6)
+    assert run.predict(np.empty((0, 1))).shape == (0, 1)
+    with pytest.raises(wd.UnusableInput, match=r"shape \(90, 2\); give \(T, 1\) or .*: u\."):
+        run.predict(np.zeros((90, 2)))
+    lines = {line.get_label(): line for line in run.plot(data).axes[0].lines}
+    late = data.warm_up_steps
+    np.testing.assert_allclose(
+        lines["predicted"].get_ydata(), run.predict(episode.observation)[late:, 0]
+    )
+    np.testing.assert_allclose(lines["true"].get_ydata(), episode.force[late:, 0])
 
 
 @c_compiler

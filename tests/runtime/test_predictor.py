@@ -82,10 +82,13 @@ def test_nan_passes_through_and_a_reset_forgets_it(tiny_package):
 
 def test_another_shape_is_refused_with_the_channels_named(tiny_package):
     predictor = PackagePredictor(tiny_package("state"))
-    with pytest.raises(ValueError, match=r"\(3,\) where this predictor expects \(2,\): dx_m, dz_m"):
+    with pytest.raises(UnusableInput, match=r"shape \(3,\)\); give shape \(2,\): dx_m, dz_m"):
         predictor.step([1.0, 2.0, 3.0])
-    with pytest.raises(ValueError, match=r"expects \(4, 2\)"):
+    with pytest.raises(UnusableInput, match=r"give shape \(4, 2\)"):
         PackagePredictor(tiny_package("state"), batch=4).step([1.0, 2.0])
+    for unusable in (["1", "2"], [None, 2.0], [1.0, [2.0, 3.0]]):
+        with pytest.raises(UnusableInput, match=r"give shape \(2,\): dx_m, dz_m"):
+            predictor.step(unusable)
     assert predictor.step([[1.0, 2.0]]).shape == (1, 2)
 
 

@@ -13,7 +13,7 @@ from wakedeploy.cli import main
 from wakedeploy.core.episodes import OBSERVER, EpisodeSet
 
 ROW = {"arch", "seed", "trainable", "frozen", "split", "rmse", "r2", "seconds", "device"}
-ROW |= {"run", "lead_s", "hyper", "settings", "kept_from", "data_sha256"}
+ROW |= {"run", "lead_s", "hyper", "settings", "kept_from", "data_sha256", "episodes"}
 
 
 def wakedeploy(*arguments: object) -> Result:
@@ -69,14 +69,17 @@ def test_what_learned_nothing_stands_beside_what_did(folder: Path, echo: Episode
         echo, provenance={"default_lead_s": 0.05}, episodes=tuple(map(observing, echo.episodes))
     )
     observed.write(folder / "observed")
-    told = json.loads((folder / "train.json").read_text())["unlearned"]
-    assert [row["predictor"] for row in told] == ["zero"]
+    told = json.loads((folder / "train.json").read_text())["baselines"]
+    names = ["zero", "training mean", "linear, one tick", "linear, window"]
+    assert [row["predictor"] for row in told] == names
+    assert all(name in (folder / "train.txt").read_text() for name in names)
     done = wakedeploy(
         "evaluate", folder / "runs", "--data", folder / "observed", "--json", folder / "both.json"
     )
     assert done.exit_code == 0, done.output
     assert "no-learning observer" in done.output
-    zero, observer = json.loads((folder / "both.json").read_text())["unlearned"]
+    # The runs have not seen this set, so that no baseline learns from it either.
+    zero, observer = json.loads((folder / "both.json").read_text())["baselines"]
     then = [e.force[steps + later :, 0] for e in echo.part("test")]
     now = [0.5 * e.force[steps:-later, 0] for e in echo.part("test")]
     truth, seen = np.concatenate(then).astype(float), np.concatenate(now).astype(float)
@@ -94,6 +97,25 @@ def test_one_run_folder_and_every_split_can_be_evaluated(folder: Path) -> None:
     assert done.exit_code == 0, done.output
     (row,) = json.loads((folder / "one.json").read_text())["rows"]
     assert (row["arch"], row["seed"], row["split"]) == ("agile-mlp", 1, "all")
+
+
+def test_evaluating_names_the_episodes_that_are_predicted_worst(
+    folder: Path, echo: EpisodeSet
+) -> None:
+    loud = dataclasses.replace(echo.episodes[4], force=5 * echo.episodes[4].force)
+    others = [episode for episode in echo.episodes if episode.name != loud.name]
+    dataclasses.replace(echo, episodes=(*others, loud)).write(folder / "loud")
+    done = wakedeploy(
+        "evaluate", folder / "runs", "--data", folder / "loud", "--split", "all",
+        "--json", folder / "loud.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    told = done.output[done.output.index("errs most: 5 of 6 episodes") :]
+    first = next(line for line in told.splitlines() if " e" in line and "episode" not in line)
+    assert f" {loud.name} " in first
+    rows = json.loads((folder / "loud.json").read_text())["rows"]
+    assert [len(row["episodes"]) for row in rows] == [6, 6, 6, 6]
+    assert set(rows[0]["episodes"][0]) == {"episode", "samples", "rmse", "relative"}
 
 
 def test_runs_of_other_settings_are_not_averaged_as_seeds(folder: Path) -> None:
@@ -124,7 +146,8 @@ def test_runs_of_other_settings_are_not_averaged_as_seeds(folder: Path) -> None:
         (["--arch", "gru", "--hyper", "tcn.kernel=3"], "ARCH.NAME=VALUE for one of gru"),
         (["--arch", "gru", "--hyper", "gru.hidden=many"], "is not a number"),
         (["--arch", "gru", "--hyper", "gru.hidden=220"], "budget is fewer than 100,000"),
-        (["--arch", "agile-mlp", "--epochs", "4"], "epochs = 3, not 4"),
+        (["--arch", "agile-mlp", "--epochs", "4"], "epochs = 3, not 4: its learning rate fell"),
+        (["--arch", "agile-mlp", "--epochs", "3", "--learning-rate", "0.1"], "not 0.1; choose"),
     ],
 )
 def test_unusable_arguments_are_one_sentence_and_status_2(

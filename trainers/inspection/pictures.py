@@ -56,7 +56,7 @@ def write_pictures(run: TrainedRun, data: EpisodeSet) -> list[Path]:
     paths = [run.folder / name for name in (CURVES, PREDICTION)]
     if all(path.exists() and path.stat().st_mtime_ns >= done for path in paths):
         return paths
-    title, metrics = _title(run.config), run.metrics
+    title, metrics = title_of(run.config), run.metrics
     drawn = {
         CURVES: draw_curves(title, metrics.history, metrics.training_history, metrics.ridge),
         PREDICTION: draw_prediction(title, run.config, run.predictor, data, metrics.test),
@@ -72,7 +72,9 @@ def write_pictures_so_far(folder: Path, data: EpisodeSet) -> list[Path]:
     standing = standing_in(read_tensors(folder / LAST)[1])
     predictor = new_predictor(config).eval()
     restore_best(predictor, folder)
-    title = f"{_title(config)}, stopped after epoch {standing.epoch} of {config.settings['epochs']}"
+    title = (
+        f"{title_of(config)}, stopped after epoch {standing.epoch} of {config.settings['epochs']}"
+    )
     drawn = {
         CURVES: draw_curves(title, standing.history, standing.training_history),
         PREDICTION: draw_prediction(title, config, predictor, data),
@@ -131,7 +133,8 @@ def _shown(config: RunConfig, predictor: Predictor, data: EpisodeSet) -> _Shown:
     return _Shown(episode.name, time_s, true, predicted)
 
 
-def _title(config: RunConfig) -> str:
+def title_of(config: RunConfig) -> str:
+    """What a run is called in its pictures."""
     return f"{config.arch} s{config.seed} on {config.domain}"
 
 

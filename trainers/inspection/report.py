@@ -5,11 +5,14 @@ In: a finished run, and its pictures where they were drawn. Out: `report.html` i
 
 import math
 import shlex
+from collections.abc import Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from trainers.training.episode_scores import worst_first
 from trainers.training.runs import CURVES, METRICS, PREDICTION, REPORT, RunConfig, TrainedRun
+from trainers.training.score import Score
 from wakedeploy.core import pages
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.core.line_chart import Curve, LineChart
@@ -17,6 +20,7 @@ from wakedeploy.core.manifest import Quantity, Scores
 
 _LATE = 0.9  # of the epochs: a best one after that says that the fit was still getting better
 _GOOD, _POOR = 0.9, 0.5  # R²
+_EPISODES = 200  # that the page shows; the worst ones, where there are more
 _CAPTIONS = {
     CURVES: "The error over the strengths of the readout's ridge; the circle is the one taken.",
     PREDICTION: (
@@ -26,19 +30,22 @@ _CAPTIONS = {
 }
 
 
-def write_run_report(run: TrainedRun) -> Path:
+def write_run_report(run: TrainedRun, baselines: Mapping[str, Score]) -> Path:
     """Write the page of a finished run, unless it is there already; its path.
 
+    `baselines` are the errors on its test episodes of what it has to beat, by name.
     Raises UnusableInput where it cannot be written.
     """
     path = run.folder / REPORT
     if path.exists() and path.stat().st_mtime_ns >= (run.folder / METRICS).stat().st_mtime_ns:
         return path
-    write_text_whole(path, pages.page("trainers.inspection", "run.html", **_page_fields(run)))
+    write_text_whole(
+        path, pages.page("trainers.inspection", "run.html", **_page_fields(run, baselines))
+    )
     return path
 
 
-def _page_fields(run: TrainedRun) -> dict[str, Any]:
+def _page_fields(run: TrainedRun, baselines: Mapping[str, Score]) -> dict[str, Any]:
     config, metrics = run.config, run.metrics
     chart = _chart(run)
     names = [PREDICTION] if chart else [CURVES, PREDICTION]
@@ -49,7 +56,9 @@ def _page_fields(run: TrainedRun) -> dict[str, Any]:
         f"{metrics.seconds:.0f} s of training.",
         "answers": [*chain(*(_answer(run, c) for c in config.force)), *_remarks(run)],
         "tile_pairs": _tiles(run),
-        "errors": _errors(run),
+        "errors": _errors(run, baselines),
+        "episodes": _episodes(run),
+        "episodes_of": len(metrics.test_episodes),
         "chart_of_errors": chart,
         "pictures": [pages.Picture(p, _CAPTIONS[name]) for name, p in drawn if p.exists()],
         "settings": _settings(config),
@@ -101,17 +110,38 @@ def _tiles(run: TrainedRun) -> list[tuple[str, str]]:
     return [*tiles, ("trainable parameters", f"{run.metrics.trainable:,}")]
 
 
-def _errors(run: TrainedRun) -> pages.Table:
-    """A row per split and force."""
+def _errors(run: TrainedRun, baselines: Mapping[str, Score]) -> pages.Table:
+    """A row per predictor, split and force: what it has to beat, then the run."""
+    scored: list[tuple[str, str, Score | Scores]] = [
+        (name, "test", score) for name, score in baselines.items()
+    ]
+    scored.append((run.config.arch, "validation", run.metrics.validation))
+    scored.append((run.config.arch, "test", run.metrics.test))
     rows = [
-        [split, c.name, f"{scores.rmse[c.name]:.4g}", c.unit, _r2(scores, c)]
-        for split, scores in (("validation", run.metrics.validation), ("test", run.metrics.test))
+        [name, split, c.name, f"{score.rmse[c.name]:.4g}", c.unit, _r2(score, c)]
+        for name, split, score in scored
         for c in run.config.force
     ]
-    return pages.Table(["episodes", "force", "RMS error", "unit", "R²"], rows)
+    return pages.Table(["predictor", "episodes", "force", "RMS error", "unit", "R²"], rows)
 
 
-def _r2(scores: Scores, channel: Quantity) -> str:
+def _episodes(run: TrainedRun) -> pages.Table:
+    """A row per test episode, the worst first."""
+    columns = ["episode", "samples"]
+    for channel in run.config.force:
+        columns += [f"RMS error of {channel.name} [{channel.unit}]", "by that of zero"]
+    rows = []
+    for episode in worst_first(run.metrics.test_episodes)[:_EPISODES]:
+        row = [episode.episode, str(episode.samples)]
+        for channel in run.config.force:
+            relative = episode.relative[channel.name]
+            row.append(f"{episode.rmse[channel.name]:.4g}")
+            row.append("–" if relative is None else f"{relative:.3f}")
+        rows.append(row)
+    return pages.Table(columns, rows)
+
+
+def _r2(scores: Score | Scores, channel: Quantity) -> str:
     value = scores.r2[channel.name]
     return "–" if value is None else f"{value:.4f}"
 

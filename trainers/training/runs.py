@@ -10,8 +10,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
 
+import numpy as np
+import numpy.typing as npt
 import safetensors.torch
 import torch
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
@@ -21,11 +23,18 @@ from torch import Tensor
 from trainers.build import build
 from trainers.model import Predictor
 from trainers.present_only import CODE, present_only
+from trainers.training.episode_scores import EpisodeScore
+from wakedeploy.core.episodes import EpisodeSet, read_episode_set
 from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.figures import showing_itself
 from wakedeploy.core.files import json_of, sha256_of, write_bytes_whole, write_text_whole
-from wakedeploy.core.manifest import ObservationChannel, Quantity, Scores
+from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity, Scores
+from wakedeploy.core.observations import series_of, warn_out_of_range
 from wakedeploy.core.processes import unheard
 from wakedeploy.core.validation import first_problem
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Goes up when equal configurations are fitted to other weights than before: runs of other revisions
 # are refused. A number and not a hash of the source, for no edited comment should cost hours; a
@@ -97,7 +106,8 @@ class RunMetrics(_Record):
 
     `training_history` is the loss that each epoch descended, as `Standing` in
     `trainers.training.fit` tells it, `ridge` what a solved readout was chosen by. `device` is where
-    it was fitted; scores are always computed on the CPU. `data_folder` is where the set lay, if it
+    it was fitted; scores are always computed on the CPU. `test_episodes` are the errors in each
+    test episode; runs of an earlier version have none. `data_folder` is where the set lay, if it
     was read from a folder.
     """
 
@@ -113,6 +123,7 @@ class RunMetrics(_Record):
     validation: Scores
     test: Scores
     test_r2_ceiling: dict[str, float] | None
+    test_episodes: tuple[EpisodeScore, ...] = ()
     weights_sha256: str
     device: str = "cpu"
     data_folder: str | None = None
@@ -120,12 +131,57 @@ class RunMetrics(_Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainedRun:
-    """A finished run, its predictor ready to use (evaluation mode, best weights)."""
+    """A finished run, its predictor ready to use (evaluation mode, best weights).
+
+    `run.predict(observations)` gives forces, `run.plot()` shows a test episode and them. `folder`
+    is where it lies, `config` what was trained on what, `metrics` how it ended, with the RMSE of
+    each force channel in its unit.
+    """
 
     folder: Path
     config: RunConfig
     metrics: RunMetrics
     predictor: Predictor
+
+    def predict(self, observations: npt.ArrayLike) -> FloatArray:
+        """Forces (T, o) for observations (T, d), or (B, T, o) for B series (B, T, d).
+
+        Every series begins with an empty memory. Forces are float32, in the units of
+        `config.force`, `config.lead_s` seconds ahead; before `config.warm_up_steps` observations
+        the memory is not full. The columns of a DataFrame are taken by their names, those of an
+        array in the order of `config.observation`. Raises UnusableInput for another shape, a
+        missing channel or what is no number. Warns by `wd.OutOfRange` where a channel has other
+        values than in training, as in another unit.
+        """
+        from trainers.training.predict import predict
+        from trainers.training.tape import tape_of
+
+        given = series_of(observations, self.config.observation)  # (T, d) or (B, T, d)
+        warn_out_of_range(given, self.config.observation)
+        shape = (*given.shape[:-1], len(self.config.force))
+        if given.size == 0:
+            return np.empty(shape, np.float32)
+        series = given[None] if given.ndim == 2 else given  # (B, T, d)
+        return predict(self.predictor, tape_of(series, shape[-1])).numpy().reshape(shape)
+
+    def plot(self, data: "EpisodeSet | Path | str | None" = None) -> "Figure":
+        """The test episode in which the forces change most: as they were, and as predicted.
+
+        Of `data`, a set or the folder of one; by default the set that the run was trained on.
+        Raises UnusableInput where there is none.
+        """
+        # Pictures stand above training; they are drawn for who asks a run for one.
+        from trainers.inspection.pictures import draw_prediction, title_of
+        from trainers.training.learned_set import episodes_of
+
+        if data is None:
+            shown = episodes_of(self)
+        else:
+            shown = data if isinstance(data, EpisodeSet) else read_episode_set(Path(data))
+        own = shown.sha256 == self.config.data_sha256
+        errors = self.metrics.test if own else None
+        drawn = draw_prediction(title_of(self.config), self.config, self.predictor, shown, errors)
+        return showing_itself(drawn)
 
     def __repr__(self) -> str:
         errors = [

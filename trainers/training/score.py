@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from trainers.model import Predictor
+from trainers.training.episode_scores import EpisodeScore
 from trainers.training.predict import predict
 from trainers.training.tape import Tape, lay_tape
 from trainers.training.targets import shift_ahead
@@ -21,12 +22,14 @@ class Score:
 
     R² is None where the force never changes. `ceiling` is the R² that label noise leaves to a
     perfect predictor, 1 − mean(sd²) / var(force); None where the labels state no noise.
+    `episodes` has the errors in each episode.
     """
 
     rmse: dict[str, float]
     r2: dict[str, float | None]
     ceiling: dict[str, float] | None
     samples: int
+    episodes: tuple[EpisodeScore, ...]
 
 
 def score(
@@ -38,22 +41,7 @@ def score(
     """
     steps = data.warm_up_steps if warm_up is None else warm_up
     tape = lay_tape(data, split, lead_s, steps)
-    return _compared(predict(predictor, tape), tape, data, split, lead_s, steps)
-
-
-def unlearned(
-    data: EpisodeSet, split: str, lead_s: float, warm_up: int | None = None
-) -> dict[str, Score]:
-    """What has learned nothing, on the same samples: zero, and the observer that a set may carry.
-
-    A network that does not beat them has learned nothing of use. Raises as `score` does.
-    """
-    steps = data.warm_up_steps if warm_up is None else warm_up
-    tape = lay_tape(data, split, lead_s, steps)
-    return {
-        name: _compared(forces, tape, data, split, lead_s, steps)
-        for name, forces in unlearned_forces(tape, data, split, lead_s, steps).items()
-    }
+    return compared(predict(predictor, tape), tape, data, split, lead_s, steps)
 
 
 def unlearned_forces(
@@ -75,20 +63,49 @@ def unlearned_forces(
     return forecasts
 
 
-def _compared(
+def compared(
     forces: Tensor, tape: Tape, data: EpisodeSet, split: str, lead_s: float, warm_up: int
 ) -> Score:
     """Forces (N, o) of every sample of the tape against its own, after the warm-up."""
     truth = tape.force[tape.scored].double()  # (M, o)
     error = forces[tape.scored].double() - truth  # (M, o)
-    rmse, spread = error.square().mean(0).sqrt(), truth.std(0, unbiased=False)
+    rmse, spread = _rms(error), truth.std(0, unbiased=False)
     names = [channel.name for channel in data.force]
     return Score(
         rmse=dict(zip(names, rmse.tolist(), strict=True)),
         r2=dict(zip(names, _r2(rmse, spread), strict=True)),
         ceiling=_ceiling(data, split, lead_s, warm_up, spread),
         samples=len(truth),
+        episodes=_by_episode(error, truth, tape, names),
     )
+
+
+def _by_episode(
+    error: Tensor, truth: Tensor, tape: Tape, channels: list[str]
+) -> tuple[EpisodeScore, ...]:
+    """The scored samples (M, o) of a tape, episode by episode."""
+    counts = [int(part.sum()) for part in torch.split(tape.scored, list(tape.lengths))]
+    parts = zip(tape.names, torch.split(error, counts), torch.split(truth, counts), strict=True)
+    return tuple(
+        _in_episode(name, _rms(off).tolist(), _rms(force).tolist(), len(off), channels)
+        for name, off, force in parts
+    )
+
+
+def _in_episode(
+    name: str, rmse: list[float], of_zero: list[float], samples: int, channels: list[str]
+) -> EpisodeScore:
+    relative = [off / zero if zero > 0 else None for off, zero in zip(rmse, of_zero, strict=True)]
+    return EpisodeScore(
+        episode=name,
+        samples=samples,
+        rmse=dict(zip(channels, rmse, strict=True)),
+        relative=dict(zip(channels, relative, strict=True)),
+    )
+
+
+def _rms(values: Tensor) -> Tensor:
+    return values.square().mean(0).sqrt()
 
 
 def _r2(rmse: Tensor, spread: Tensor) -> list[float | None]:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from trainers.training.targets import shift_ahead
-from wakedeploy.core.episodes import Episode, EpisodeSet
+from wakedeploy.core.episodes import Array, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 
 
@@ -17,7 +17,8 @@ class Tape:
     """N samples of some episodes, end to end.
 
     Shapes: observation (N, d), force (N, o) `lead_s` later, first (N,) index of the first sample
-    of each sample's episode, scored (N,) whether it lies after the common warm-up.
+    of each sample's episode, scored (N,) whether it lies after the common warm-up. `names` and
+    `lengths` are those of the episodes, in order.
     """
 
     observation: Tensor
@@ -25,6 +26,7 @@ class Tape:
     first: Tensor
     scored: Tensor
     lengths: tuple[int, ...]
+    names: tuple[str, ...]
 
     @property
     def starts(self) -> list[int]:
@@ -39,7 +41,21 @@ class Tape:
             first=self.first.to(device),
             scored=self.scored.to(device),
             lengths=self.lengths,
+            names=self.names,
         )
+
+
+def tape_of(series: Array, outputs: int) -> Tape:
+    """Series (B, T, d) of observations alone: none is scored, and forces (B · T, o) are 0."""
+    count, steps, inputs = series.shape
+    return Tape(
+        observation=torch.tensor(series).reshape(count * steps, inputs),
+        force=torch.zeros(count * steps, outputs),
+        first=torch.arange(count).repeat_interleave(steps) * steps,
+        scored=torch.zeros(count * steps, dtype=torch.bool),
+        lengths=(steps,) * count,
+        names=("",) * count,
+    )
 
 
 @dataclass(frozen=True)
@@ -59,22 +75,24 @@ def lay_tape(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> Tape:
 
     Raises UnusableInput when no sample is left after warm-up and lead.
     """
-    parts = [_with_target(episode, lead_s, data.rate_hz) for episode in data.part(split)]
-    parts = [(observation, force) for observation, force in parts if len(force) > warm_up]
+    every = [(e.name, *_with_target(e, lead_s, data.rate_hz)) for e in data.part(split)]
+    parts = [part for part in every if len(part[2]) > warm_up]
     if not parts:
         raise UnusableInput(
             f"The '{split}' split of this {data.domain} set has no episode longer than its warm-up"
             f" of {warm_up} samples plus a lead of {lead_s} s; record longer episodes or"
             " choose a smaller lead."
         )
-    lengths = tuple(len(force) for _, force in parts)
+    names, observations, forces = zip(*parts, strict=True)
+    lengths = tuple(map(len, forces))
     first = torch.tensor(np.repeat(np.cumsum((0, *lengths[:-1])), lengths))
     return Tape(
-        observation=torch.tensor(np.concatenate([observation for observation, _ in parts])),
-        force=torch.tensor(np.concatenate([force for _, force in parts])),
+        observation=torch.tensor(np.concatenate(observations)),
+        force=torch.tensor(np.concatenate(forces)),
         first=first,
         scored=torch.arange(len(first)) - first >= warm_up,
         lengths=lengths,
+        names=names,
     )
 
 

@@ -55,6 +55,8 @@ OnEpoch = Callable[[int, int], None]
 # Called after each epoch with where the fit stands, all epochs before this one included.
 OnStanding = Callable[[Standing], None]
 
+# Why a run is not lengthened.
+_ANNEALED = ": its learning rate fell to the end over these epochs, so more of them are another run"
 _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
 
 
@@ -273,9 +275,10 @@ def _check_same(folder: Path, there: RunConfig, wanted: RunConfig) -> None:
         )
     for name in sorted(old.keys() | new.keys()):
         if old.get(name) != new.get(name):
+            because = _ANNEALED if name == "epochs" else ""
             raise UnusableRun(
-                f"{folder} was trained with {name} = {old.get(name)}, not {new.get(name)}; choose"
-                " another --out, or --fresh to replace it."
+                f"{folder} was trained with {name} = {old.get(name)}, not {new.get(name)}{because};"
+                " choose another --out, or --fresh to replace it."
             )
 
 
@@ -384,6 +387,7 @@ def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, de
         validation=_scores(validation, folder),
         test=_scores(test, folder),
         test_r2_ceiling=test.ceiling,
+        test_episodes=test.episodes,
         weights_sha256=sha256_of((folder / BEST).read_bytes()),
         device=device,
         data_folder=None if data.folder is None else str(data.folder),

@@ -1,16 +1,13 @@
-"""How results show themselves in a notebook: tables, figures, rows as a DataFrame."""
+"""How results show themselves in a notebook: tables, rows as a DataFrame."""
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from wakedeploy.core import figures
 from wakedeploy.core.errors import UnusableInput, installs
 from wakedeploy.core.runlog import Array
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.figure import Figure
 
 
 def html_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -20,23 +17,6 @@ def html_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     from wakedeploy.core.pages import table
 
     return Markup("<p><strong>{}</strong></p>{}").format(title, table(columns, rows))
-
-
-def png_of(drawn: "Figure") -> bytes:
-    """A figure as the bytes of a PNG file, in the project's style."""
-    buffer = io.BytesIO()
-    with figures.style():
-        drawn.savefig(buffer, format="png")
-    return buffer.getvalue()
-
-
-def showing_itself(drawn: "Figure") -> "Figure":
-    """The figure, which a notebook now shows when it is the last value of a cell.
-
-    matplotlib shows figures by itself only where pyplot made them.
-    """
-    drawn._repr_png_ = lambda: png_of(drawn)  # type: ignore[attr-defined]
-    return drawn
 
 
 def data_frame(

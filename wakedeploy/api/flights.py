@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args, overload
 
-from wakedeploy.api.display import data_frame, png_of, showing_itself
+from wakedeploy.api.display import data_frame
 from wakedeploy.api.inputs import PathLike, path_of, rig_of
 from wakedeploy.core import figures
 from wakedeploy.core.errors import UnusableInput
@@ -121,7 +121,7 @@ class Flight:
         from wakedeploy.core.run_figure import draw_run
 
         title = "Flight" if self.path is None else self.path.name
-        return showing_itself(draw_run(self.log, self.summary, title))
+        return figures.showing_itself(draw_run(self.log, self.summary, title))
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path}"
@@ -130,7 +130,7 @@ class Flight:
         return f"<Flight{name}: {flight}, RMSE {self.rmse_mm:.1f} mm{ended}>"
 
     def _repr_png_(self) -> bytes:
-        return png_of(self.plot())
+        return figures.png_of(self.plot())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -229,7 +229,7 @@ class Flights(Sequence[Flight]):
             axes.set_ylim(bottom=0.0)
             axes.xaxis.get_major_locator().set_params(integer=True)
             figures.legend(axes, ncols=1)
-        return showing_itself(drawn)
+        return figures.showing_itself(drawn)
 
     @property
     def all_flown(self) -> "tuple[Flown, ...]":
@@ -259,7 +259,7 @@ class Flights(Sequence[Flight]):
         return f"{text}{other}{f'; {early} ended early' if early else ''}>"
 
     def _repr_png_(self) -> bytes:
-        return png_of(self.plot())
+        return figures.png_of(self.plot())
 
 
 @overload

@@ -137,8 +137,8 @@ class Gap:
 
         Raises UnusableInput where nothing has been shown yet.
         """
-        from wakedeploy.api.display import showing_itself
         from wakedeploy.core import figures
+        from wakedeploy.core.figures import showing_itself
 
         with figures.style():
             drawn = self._drawn()

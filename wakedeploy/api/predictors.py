@@ -13,9 +13,9 @@ from runtime.flyable import Flyable, Predicting, predictor_of, read_flyable
 from wakedeploy.api.compiled import AsC, c_of_package, c_of_run, wish_of
 from wakedeploy.api.display import html_table
 from wakedeploy.api.inputs import PathLike, episode_set, rig_of
-from wakedeploy.core.episodes import DESCRIPTION, read_episode_set, stated_sha256
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import FloatArray, Manifest
+from wakedeploy.core.observations import series_of, warn_out_of_range
 from wakedeploy.core.package import Package
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.core.rig import Rig
 
-_DEPTH = 4  # how many folders down the set of a run is looked for
-
 
 class Predictor:
     """A package or a folder of C that predicts: SI units, channels in the manifest's order.
@@ -37,7 +35,7 @@ class Predictor:
     `predict` takes whole series (T, d) from a cold start; `step` goes on from call to call, one
     observation (d,) at a time, until `reset`. Forces are those `lead_s` seconds ahead of the newest
     observation, float32. Before `manifest.warm_up_steps` observations its memory is not full.
-    Raises ValueError for another shape, CheckFailed where onnxruntime gives up.
+    Raises UnusableInput for another shape, CheckFailed where onnxruntime gives up.
     """
 
     def __init__(self, package: Flyable, path: Path) -> None:
@@ -59,9 +57,12 @@ class Predictor:
 
         Every call begins with an empty memory and leaves that of `step` alone. The columns of a
         DataFrame are taken by their names, those of an array in the manifest's order. Raises
-        ValueError for another shape or a missing channel.
+        UnusableInput for another shape, a missing channel or what is no number. Warns by
+        `wd.OutOfRange` where a channel has other values than in training, as in another unit;
+        `step` does not.
         """
-        given = self._values(observations)  # (T, d) or (B, T, d)
+        given = series_of(observations, self.manifest.observation)  # (T, d) or (B, T, d)
+        warn_out_of_range(given, self.manifest.observation)
         series = given[None] if given.ndim == 2 else given  # (B, T, d)
         runner = predictor_of(self.package, batch=len(series))
         stepped = [runner.step(newest) for newest in series.swapaxes(0, 1)]  # T times (B, o)
@@ -72,7 +73,7 @@ class Predictor:
     def step(self, observation: npt.ArrayLike) -> FloatArray:
         """The force (o,) for the newest observation (d,), with what it remembers of those before.
 
-        Raises ValueError for another shape.
+        Raises UnusableInput for another shape and what is no number.
         """
         if self._live is None:
             self._live = predictor_of(self.package)
@@ -107,22 +108,6 @@ class Predictor:
 
         require_fit(self.manifest, rig)
         require_wait(rig)
-
-    def _values(self, observations: npt.ArrayLike) -> npt.NDArray[np.generic]:
-        """The observations as an array whose last axis is the manifest's channels."""
-        names = [channel.name for channel in self.manifest.observation]
-        if hasattr(observations, "columns"):
-            missing = [name for name in names if name not in observations.columns]
-            if missing:
-                raise ValueError(f"no column {', '.join(missing)}; the package needs {names}")
-            observations = observations[names]  # type: ignore[index]
-        values = np.asarray(observations)
-        if values.ndim not in (2, 3) or values.shape[-1] != len(names):
-            raise ValueError(
-                f"observations of shape {values.shape} where this package expects (T, {len(names)})"
-                f" or (B, T, {len(names)}): {', '.join(names)}"
-            )
-        return values
 
     def _error(self, channel: str) -> str:
         """The error on test episodes, where the package states it."""
@@ -219,6 +204,7 @@ def export(
     if isinstance(run, Predictor):
         return _package_as_c(run.package, out, data, c, progress, as_c)
     from export.packaging import export_run
+    from trainers.training.learned_set import episodes_of
 
     wish = None if c is None else wish_of(Path(c), as_c)
     trained = _one_run(run)
@@ -278,27 +264,3 @@ def _one_run(run: "TrainedRun | Runs | PathLike") -> "TrainedRun":
             f' runs["{run[0].config.arch}"].'
         )
     return run[0]
-
-
-def episodes_of(run: "TrainedRun") -> "EpisodeSet":
-    """The set that the run knows, or one below this folder with its hash."""
-    known, wanted = run.metrics.data_folder, run.config.data_sha256
-    places = [] if known is None else [Path(known)]
-    for depth in range(1, _DEPTH + 1):
-        places += sorted(path.parent for path in Path().glob(f"{'*/' * depth}{DESCRIPTION}"))
-    found = next((place for place in places if _hash_of(place) == wanted), None)
-    if found is not None:
-        return read_episode_set(found)
-    where = f"The set that {run.folder} was trained on is not near this folder"
-    if known is not None:
-        happened = "is no longer there" if _hash_of(Path(known)) is None else "has changed since"
-        where = f"The set that {run.folder} was trained on lay in {known} and {happened}"
-    raise UnusableInput(f"{where}; say where it is now: --data FOLDER (in Python, data=…).")
-
-
-def _hash_of(folder: Path) -> str | None:
-    """The content hash that a set states; None for what is no set, as many a dataset.json."""
-    try:
-        return stated_sha256(folder)
-    except UnusableInput:
-        return None

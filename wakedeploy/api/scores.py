@@ -1,17 +1,24 @@
-"""Errors of trained predictors as a table: a row per run, beside what has learned nothing."""
+"""Errors of trained predictors as a table: a row per run, beside what they have to beat."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from wakedeploy.api.display import data_frame, html_table
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import Quantity
 
 if TYPE_CHECKING:
     import pandas
 
+    from trainers.training.episode_scores import EpisodeScore
     from trainers.training.runs import TrainedRun
     from trainers.training.score import Score
+
+Shown = Literal["runs", "episodes"]
+Found = tuple[
+    Mapping[str, float], Mapping[str, float | None], "Sequence[EpisodeScore]"
+]  # rmse, R², and the errors in each episode
 
 
 @dataclass(frozen=True)
@@ -19,8 +26,10 @@ class ScoreRow:
     """The errors of one run on one split, as `train --json` and `evaluate --json` write them.
 
     `rmse` is in each force channel's unit, `r2` None where the force never changes; both are pooled
-    over the split. `run` is the run's folder, `lead_s` how far ahead it predicts [s], `seconds`
-    what training or scoring took, `device` where it was trained.
+    over the split. `episodes` has the errors in each episode: its name, the samples that were
+    scored, `rmse`, and `relative`, which is rmse by that of predicting zero there. `run` is the
+    run's folder, `lead_s` how far ahead it predicts [s], `seconds` what training or scoring took,
+    `device` where it was trained.
     """
 
     run: str
@@ -36,6 +45,7 @@ class ScoreRow:
     split: str
     rmse: dict[str, float]
     r2: dict[str, float | None]
+    episodes: "tuple[EpisodeScore, ...]"
     seconds: float
     device: str
 
@@ -53,11 +63,11 @@ class ScoreRow:
 def score_row(
     run: "TrainedRun",
     split: str,
-    rmse: Mapping[str, float],
-    r2: Mapping[str, float | None],
+    found: Found,
     seconds: float,
 ) -> ScoreRow:
     """The row of a run: its errors on a split, and what it was trained with."""
+    rmse, r2, episodes = found
     return ScoreRow(
         run=str(run.folder),
         arch=run.config.arch,
@@ -72,6 +82,7 @@ def score_row(
         split=split,
         rmse=dict(rmse),
         r2=dict(r2),
+        episodes=tuple(episodes),
         seconds=round(seconds, 3),
         device=run.metrics.device,
     )
@@ -81,14 +92,15 @@ def score_row(
 class Scores:
     """Errors of several runs on the same samples, forces (T, o), of one split.
 
-    `rows` has a `ScoreRow` per run; `force` are the channels with their units. `unlearned` has, by
-    lead [s], what learned nothing: `zero`, and a set's observer of the sufferer's motion. RMSE is
+    `rows` has a `ScoreRow` per run; `force` are the channels with their units. `baselines` has, by
+    lead [s] and name, what a predictor has to beat: zero, the training set's mean force, linear
+    regressions on one tick and on a window, and a set's observer of the sufferer's motion. RMSE is
     in the channel's unit (N for forces), R² has none. `to_pandas` raises UnusableInput where pandas
     is not installed.
     """
 
     rows: tuple[ScoreRow, ...]
-    unlearned: Mapping[float, Mapping[str, "Score"]]
+    baselines: Mapping[float, Mapping[str, "Score"]]
     force: tuple[Quantity, ...]
     split: str
 
@@ -102,8 +114,20 @@ class Scores:
         errors = f"RMSE {channel.name} [{channel.unit}]: {', '.join(scores)}{more}"
         return f"<Scores of {len(self)} runs on {self.split} episodes; {errors}>"
 
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A row per run: architecture, seed, lead, parameters, RMSE and R² per channel."""
+    def to_pandas(self, rows: Shown = "runs") -> "pandas.DataFrame":
+        """A table of the errors over all episodes, or in each.
+
+        With "runs" a row is a run: architecture, seed, lead, parameters, RMSE and R² per channel.
+        With "episodes" it is an episode as a run predicts it: architecture, seed, lead, the
+        episode's name, the samples that were scored, RMSE per channel in its unit, and RMSE by that
+        of predicting zero in the same samples.
+
+        Raises UnusableInput where pandas is not installed.
+        """
+        if rows == "episodes":
+            return data_frame(self._by_episode())
+        if rows != "runs":
+            raise UnusableInput(f'There are no rows {rows!r}; give "runs" or "episodes".')
         columns: dict[str, Sequence[Any]] = {
             "arch": [r.arch for r in self.rows],
             "seed": [r.seed for r in self.rows],
@@ -115,6 +139,20 @@ class Scores:
             columns |= {f"r2_{name}": [r.r2[name] for r in self.rows]}
         return data_frame(columns | {"seconds": [r.seconds for r in self.rows]})
 
+    def _by_episode(self) -> dict[str, list[Any]]:
+        pairs = [(run, episode) for run in self.rows for episode in run.episodes]
+        columns: dict[str, list[Any]] = {
+            "arch": [run.arch for run, _ in pairs],
+            "seed": [run.seed for run, _ in pairs],
+            "lead_s": [run.lead_s for run, _ in pairs],
+            "episode": [episode.episode for _, episode in pairs],
+            "samples": [episode.samples for _, episode in pairs],
+        }
+        for name in (channel.name for channel in self.force):
+            columns[f"rmse_{name}"] = [episode.rmse[name] for _, episode in pairs]
+            columns[f"relative_{name}"] = [episode.relative[name] for _, episode in pairs]
+        return columns
+
     def _repr_html_(self) -> str:
         columns = ["architecture", "seed", "lead [s]", "trainable"]
         for channel in self.force:
@@ -125,7 +163,7 @@ class Scores:
         ]
         rows += [
             [name, "", f"{lead_s:g}", "", *self._cells(score)]
-            for lead_s, scores in self.unlearned.items()
+            for lead_s, scores in self.baselines.items()
             for name, score in scores.items()
         ]
         return html_table(f"{self.split.capitalize()} episodes", columns, rows)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from wakedeploy.api.inputs import PathLike, Warn, episode_set, warn_caller
-from wakedeploy.api.scores import ScoreRow, Scores, score_row
+from wakedeploy.api.scores import ScoreRow, Scores, Shown, score_row
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from trainers.preset import Preset
     from trainers.trackers import Tracker
     from trainers.training.runs import RunConfig, TrainedRun
+    from trainers.training.score import Score
     from wakedeploy.core.episodes import EpisodeSet
 
 
@@ -28,8 +29,8 @@ class Runs(Sequence["TrainedRun"]):
 
     `runs[0]` is the first, `runs["gru"]` the first of an architecture. `folder` is where they lie,
     `scores` their errors: RMSE in the unit of each force channel (N for forces), R² without one.
-    Each run predicts forces (T, o) from observations (T, d). KeyError for an architecture that was
-    not trained.
+    `run.predict(observations)` of each gives forces (T, o) for observations (T, d), `run.plot()` a
+    test episode and its prediction. KeyError for an architecture that was not trained.
     """
 
     def __init__(self, runs: Sequence["TrainedRun"], folder: Path, scores: Scores) -> None:
@@ -51,9 +52,9 @@ class Runs(Sequence["TrainedRun"]):
             raise KeyError(f"{which!r} was not trained; there are {trained}")
         return found
 
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A row per run, as `Scores.to_pandas`. UnusableInput without pandas."""
-        return self.scores.to_pandas()
+    def to_pandas(self, rows: Shown = "runs") -> "pandas.DataFrame":
+        """A row per run or per episode, as `Scores.to_pandas`. UnusableInput without pandas."""
+        return self.scores.to_pandas(rows)
 
     def __repr__(self) -> str:
         return f"<Runs in {self.folder}: {self.scores!r}>"
@@ -73,6 +74,7 @@ class _Manner:
     pictures: bool
     progress: Progress
     warn: Warn
+    baselines: "Callable[[], Mapping[str, Score]]"
 
 
 def train(
@@ -106,12 +108,12 @@ def train(
         seeds: How many runs of each architecture, seeds 0, 1, …
         lead_s: Predict the force this many seconds ahead. Default: what the set states, or 0.
         out: The folder of all runs; each lies in `<domain>/<arch>/s<seed>`.
-        epochs: Default: 60.
+        epochs: Default: 60, or those of the preset. A finished run is not lengthened.
         learning_rate: Its peak. Default: 0.003, Mamba 0.01.
         hyper: Changed hyper-parameters, `{"gru.hidden": 48}`; of a single architecture also
             `{"hidden": 48}`.
         preset: "reference" (the paper's shapes), "tuned" (those that ship for the set's domain) or
-            the file that `tune` wrote.
+            the file that `tune` wrote: its shape, and its fit with the search's epochs.
         threads: CPU threads of torch meanwhile. On the CPU the same number gives the same weights.
         device: "auto", "cpu" or "cuda".
         fresh: Replace runs that lie in `out` already.
@@ -129,6 +131,7 @@ def train(
         CheckFailed: A fit diverged.
     """
     from trainers.preset import REFERENCE, TUNED, read_preset
+    from trainers.training.baselines import baselines
     from trainers.training.trainer import chosen_lead_s
 
     data = episode_set(data)
@@ -139,13 +142,14 @@ def train(
     presets = {name: usable_preset(preset, name, data, lead_s, warn) for name in names}
     configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
     opened = _opened(tracker, Path(out), warn)
-    manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn)
+    beside = functools.cache(lambda: baselines(data, "test", lead_s))
+    manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn, beside)
     with _threads(threads):
         runs = [
             _trained(config, data, manner, f"{number} of {len(configs)}")
             for number, config in enumerate(configs, 1)
         ]
-        return Runs(runs, Path(out), _test_scores(runs, data, lead_s))
+        return Runs(runs, Path(out), _test_scores(runs, {lead_s: beside()}))
 
 
 def evaluate(
@@ -166,10 +170,13 @@ def evaluate(
         data: A set, or the folder of one; its channels and rate have to be the runs'.
         split: "train", "validation", "test" or "all".
         progress: Called with a stage, the runs done and their number.
-        warn: Called with a sentence about runs in a folder that do not fit the set.
+        warn: Called with a sentence about runs in a folder that do not fit the set, and about
+            channels that have other values than in training.
 
     Returns:
-        RMSE in the unit of each channel and R², a row per run in the order of the paper's table.
+        RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
+        the error of each run in each episode, and that of baselines. Those that learn stand beside
+        runs that were trained on this very set.
 
     Raises:
         UnusableInput: There is no finished run, none fits the set, or the split has no episode that
@@ -178,17 +185,20 @@ def evaluate(
     place = data
     data = episode_set(data)
     trained = _trained_runs(runs, data, place, progress, warn)
+    _warn_of_ranges(trained, data, split, warn)
     warm_up = max(data.warm_up_steps, *(run.config.warm_up_steps for run in trained))
     rows = []
     for number, run in enumerate(trained, 1):
         rows.append(_evaluated(run, data, split, warm_up))
         progress("Evaluating", number, len(trained))
-    from trainers.training.score import unlearned
+    from trainers.training.baselines import baselines
 
-    # Forces at different times do not compare, so that each lead has its own.
+    # Forces at different times do not compare, so that each lead has its own. What runs have not
+    # learned from teaches no baseline either: of other recordings it would know more than they do.
+    fitted = all(run.config.data_sha256 == data.sha256 for run in trained)
     leads = sorted({run.config.lead_s for run in trained})
-    nothing = {lead_s: unlearned(data, split, lead_s, warm_up) for lead_s in leads}
-    return Scores(tuple(rows), nothing, trained[0].config.force, split)
+    beside = {s: baselines(data, split, s, warm_up, fitted=fitted) for s in leads}
+    return Scores(tuple(rows), beside, trained[0].config.force, split)
 
 
 # --- what is trained ----------------------------------------------------------------------------
@@ -327,7 +337,7 @@ def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: s
             _drawn(lambda: write_pictures_so_far(folder, data), manner)
             raise
         tracked.finished(run, _drawn(lambda: write_pictures(run, data), manner))
-        _drawn(lambda: [write_run_report(run)], manner)
+        _drawn(lambda: [write_run_report(run, manner.baselines())], manner)
     return run
 
 
@@ -342,15 +352,14 @@ def _drawn(write: Callable[[], list[Path]], manner: _Manner) -> list[Path]:
         return []
 
 
-def _test_scores(runs: "Sequence[TrainedRun]", data: "EpisodeSet", lead_s: float) -> Scores:
-    from trainers.training.score import unlearned
-
+def _test_scores(
+    runs: "Sequence[TrainedRun]", beside: "Mapping[float, Mapping[str, Score]]"
+) -> Scores:
     rows = [
-        score_row(run, "test", run.metrics.test.rmse, run.metrics.test.r2, run.metrics.seconds)
-        for run in runs
+        score_row(run, "test", (m.test.rmse, m.test.r2, m.test_episodes), m.seconds)
+        for run, m in ((run, run.metrics) for run in runs)
     ]
-    nothing = {lead_s: unlearned(data, "test", lead_s)}
-    return Scores(tuple(rows), nothing, runs[0].config.force, "test")
+    return Scores(tuple(rows), beside, runs[0].config.force, "test")
 
 
 # --- scoring ------------------------------------------------------------------------------------
@@ -421,6 +430,21 @@ def _listed(channels: list[tuple[str, str]]) -> str:
     return ", ".join(f"{name} [{unit}]" for name, unit in channels)
 
 
+def _warn_of_ranges(
+    trained: "list[TrainedRun]", data: "EpisodeSet", split: str, warn: Warn
+) -> None:
+    """Tell once of each set that was learned from where this one has other values."""
+    import numpy as np
+
+    from wakedeploy.core.observations import out_of_range
+
+    others = {r.config.data_sha256: r for r in trained if r.config.data_sha256 != data.sha256}
+    for run in others.values():
+        seen = np.concatenate([episode.observation for episode in data.part(split)])
+        if sentence := out_of_range(seen, run.config.observation):
+            warn(f"{run.folder}: {sentence}")
+
+
 def _place_in_table(run: "TrainedRun") -> tuple[int, int]:
     """Architectures in the order of Table I, then seeds."""
     from trainers.build import ARCHITECTURES
@@ -433,4 +457,5 @@ def _evaluated(run: "TrainedRun", data: "EpisodeSet", split: str, warm_up: int) 
 
     began = time.monotonic()
     result = score(run.predictor, data, split, run.config.lead_s, warm_up)
-    return score_row(run, split, result.rmse, result.r2, time.monotonic() - began)
+    found = (result.rmse, result.r2, result.episodes)
+    return score_row(run, split, found, time.monotonic() - began)

@@ -8,11 +8,12 @@ import click
 from wakedeploy.cli.data_of_domains import Domains, require_writable, write_set
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, stage_bars, warn, write_json
-from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput, shown
 
 if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
 
+_FIRST = 20  # episodes, notes and facts that the terminal shows
 _COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance tells
 
 
@@ -31,15 +32,20 @@ def command() -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @json_option
 def show(folder: Path, json_path: Path | None) -> None:
-    """Describe the episode set in FOLDER: splits, channels and their ranges.
+    """Describe the episode set in FOLDER: splits, channels and their ranges, episodes, provenance.
+
+    Of episodes, notes and provenance the terminal shows the first twenty; --json has all of them.
 
     \b
     Example:
-        wakedeploy data show sets/gantry
+        wakedeploy data show sets/gantry --json gantry.json
     """
     from wakedeploy.core.episodes import read_episode_set
 
-    _describe(read_episode_set(folder), folder, json_path)
+    described = read_episode_set(folder)
+    _describe(described, folder, json_path)
+    _list_episodes(described)
+    _tell_provenance(described)
 
 
 def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> None:
@@ -71,7 +77,52 @@ def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> 
         result = {"domain": described.domain, "rate_hz": described.rate_hz}
         result |= {"window_s": described.window_s, "sha256": described.sha256}
         result |= {"splits": splits, "channels": channels, "unlearned": unlearned}
+        result |= {"episodes": _episodes(described)}
         write_json(json_path, result | {"provenance": dict(described.provenance)})
+
+
+def _list_episodes(described: "EpisodeSet") -> None:
+    """The first episodes, each with its split."""
+    rows = [[e["name"], e["split"], f"{e['seconds']:.1f}"] for e in _episodes(described)]
+    print_table("episodes", ["episode", "split", "seconds"], rows[:_FIRST])
+    _tell_more(len(rows), "episodes")
+
+
+def _tell_provenance(described: "EpisodeSet") -> None:
+    """How the set was made, and what was noticed then; of what has parts, how many there are."""
+    facts = dict(described.provenance)
+    notes = facts.pop("notes", None) or []
+    rows = [[shown(name), _fact(value)] for name, value in facts.items()]
+    if rows:
+        print_table("provenance", ["", ""], rows[:_FIRST])
+        _tell_more(len(rows), "facts")
+    notes = notes if isinstance(notes, list) else [notes]
+    for note in notes[:_FIRST]:
+        click.echo(f"Note: {shown(str(note)).rstrip('.')}.")
+    _tell_more(len(notes), "notes")
+
+
+def _fact(value: object) -> str:
+    """A fact of the provenance in a cell."""
+    if not isinstance(value, dict | list):
+        return shown(str(value))
+    return f"{len(value)} {'entry' if len(value) == 1 else 'entries'} (--json)"
+
+
+def _tell_more(count: int, what: str) -> None:
+    if count > _FIRST:
+        click.echo(f"… and {count - _FIRST} more {what}; --json FILE has all.")
+
+
+def _episodes(described: "EpisodeSet") -> list[dict[str, Any]]:
+    return [
+        {
+            "name": episode.name,
+            "split": described.split[episode.name],
+            "seconds": len(episode) / described.rate_hz,
+        }
+        for episode in described.episodes
+    ]
 
 
 def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:

@@ -1,11 +1,19 @@
 """`wakedeploy evaluate`: errors of finished runs per output and split."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from wakedeploy.cli.output import json_option, stage_bars, warn, write_json
-from wakedeploy.cli.train import print_scores, unlearned_rows
+from wakedeploy.cli.output import json_option, print_table, stage_bars, warn, write_json
+from wakedeploy.cli.train import baseline_rows, print_scores
+
+if TYPE_CHECKING:
+    from wakedeploy.api.scores import ScoreRow
+    from wakedeploy.core.manifest import Quantity
+
+_WORST = 5  # episodes that the terminal shows
 
 
 @click.command()
@@ -23,8 +31,11 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     """Score the finished runs at or below RUNS on the episodes of a set.
 
     Every run is asked for the force at its own lead; all are scored on the same samples, after
-    one common warm-up. Beside them: predicting nothing, and a set's observer of the sufferer's
-    motion, which learn nothing. Seconds are those of the evaluation.
+    one common warm-up. Above them: predicting zero, and a set's observer of the sufferer's motion.
+    Of runs that were trained on this set also what its training episodes tell without a network:
+    their mean force, and linear regressions on one tick and on the set's window. Below is where the
+    best run errs most, episode by episode; --json has every episode of every run. Seconds are those
+    of the evaluation.
 
     \b
     Example:
@@ -35,13 +46,39 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
 
     with stage_bars() as bars:
         scores = evaluate(runs, data, split, progress=bars, warn=warn)
-    nothing_learned = []
+    rows_of_baselines = []
     # One table for each lead, since forces at different times do not compare.
-    for lead_s, unlearned in scores.unlearned.items():
-        nothing_learned += unlearned_rows(unlearned, lead_s)
+    for lead_s, baselines in scores.baselines.items():
+        rows_of_baselines += baseline_rows(baselines, lead_s)
         at = [row for row in scores.rows if row.lead_s == lead_s]
         title = f"{data}: {split} episodes, force {lead_s:g} s ahead"
-        print_scores(title, at, scores.force, unlearned)
+        print_scores(title, at, scores.force, baselines)
+        _print_worst(at, scores.force)
     if json_path:
         rows = [row.as_json() for row in scores.rows]
-        write_json(json_path, {"rows": rows, "unlearned": nothing_learned})
+        write_json(json_path, {"rows": rows, "baselines": rows_of_baselines})
+
+
+def _print_worst(rows: "Sequence[ScoreRow]", force: "Sequence[Quantity]") -> None:
+    """The episodes in which the best run errs most; nothing where there is but one."""
+    from trainers.training.episode_scores import worst_first
+
+    best = min(rows, key=lambda row: row.rmse[force[0].name])
+    if len(best.episodes) < 2:
+        return
+    shown = worst_first(best.episodes)[:_WORST]
+    columns = ["episode", "samples"]
+    for channel in force:
+        columns += [f"RMSE {channel.name} [{channel.unit}]", "by that of zero"]
+    table = []
+    for episode in shown:
+        line = [episode.episode, str(episode.samples)]
+        for channel in force:
+            relative = episode.relative[channel.name]
+            line.append(f"{episode.rmse[channel.name]:.4g}")
+            line.append("—" if relative is None else f"{relative:.3f}")
+        table.append(line)
+    title = (
+        f"where {best.arch} s{best.seed} errs most: {len(shown)} of {len(best.episodes)} episodes"
+    )
+    print_table(title, columns, table)

@@ -101,7 +101,7 @@ def command(
 
 def _set_of(run: "TrainedRun", data: Path | None) -> "EpisodeSet":
     """The set given, or where the run knows it to lie."""
-    from wakedeploy.api.predictors import episodes_of
+    from trainers.training.learned_set import episodes_of
     from wakedeploy.core.episodes import read_episode_set
 
     return episodes_of(run) if data is None else read_episode_set(data)

@@ -39,7 +39,9 @@ _KEPT = ("last.safetensors", "metrics.json")
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default="runs", show_default=True
 )
-@click.option("--epochs", type=click.IntRange(1, 100_000), help="Default: 60.")
+@click.option(
+    "--epochs", type=click.IntRange(1, 100_000), help="Default: 60, or those of the --preset."
+)
 @click.option(
     "--learning-rate", type=click.FloatRange(1e-7, 1), help="Peak. Default: 0.003, Mamba 0.01."
 )
@@ -56,7 +58,8 @@ _KEPT = ("last.safetensors", "metrics.json")
     default="reference",
     show_default=True,
     metavar="reference|tuned|FILE",
-    help="The paper's shapes, those tuned for the set's domain, or what `tune` found.",
+    help="The paper's shapes, those tuned for the set's domain, or what `tune` found: shape,"
+    " learning rate, batch and its --epochs.",
 )
 @click.option(
     "--threads",
@@ -95,10 +98,12 @@ def command(
     """Train predictors and print their errors on the test episodes.
 
     Goes on where it was stopped; a run that is finished with the same data and settings is not
-    trained again. R² is pooled over the split; the spread over seeds follows ±. Each run's folder
-    holds report.html, which says how well it predicts and what to do next, and two pictures:
-    curves.png, its errors over the epochs (of a solved readout, over the strengths of its ridge),
-    and prediction.png, the liveliest test episode as it was and predicted.
+    trained again. The table begins with what a predictor has to beat: zero, the mean force of the
+    training episodes, and linear regressions on one tick and on the set's window. R² is pooled over
+    the split; the spread over seeds follows ±. Each run's folder holds report.html, which says how
+    well it predicts and what to do next, and two pictures: curves.png, its errors over the epochs
+    (of a solved readout, over the strengths of its ridge), and prediction.png, the liveliest test
+    episode as it was and predicted.
 
     \b
     Example:
@@ -130,16 +135,16 @@ def command(
             warn=warn,
         )
     rows, lead_s = runs.scores.rows, runs[0].config.lead_s
-    nothing_learned = runs.scores.unlearned[lead_s]
+    baselines = runs.scores.baselines[lead_s]
     title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
-    print_scores(title, rows, runs[0].config.force, nothing_learned)
+    print_scores(title, rows, runs[0].config.force, baselines)
     if not no_pictures:
         where = runs[0].folder if len(runs) == 1 else "the folder of each run"
         click.echo(f"Report: report.html in {where}, with curves.png and prediction.png beside it.")
     if json_path:
         how = {"preset": preset, "lead_s": lead_s, "data_sha256": runs[0].config.data_sha256}
         lines = {"rows": [row.as_json() for row in rows]}
-        write_json(json_path, how | lines | {"unlearned": unlearned_rows(nothing_learned, lead_s)})
+        write_json(json_path, how | lines | {"baselines": baseline_rows(baselines, lead_s)})
 
 
 @contextlib.contextmanager
@@ -189,18 +194,18 @@ def print_scores(
     title: str,
     rows: "Sequence[ScoreRow]",
     force: "Sequence[Quantity]",
-    unlearned: "Mapping[str, Score]",
+    baselines: "Mapping[str, Score]",
 ) -> None:
-    """What has learned nothing, then each configuration, mean ± spread over its seeds."""
+    """The baselines, then each configuration, mean ± spread over its seeds."""
     columns = ["architecture", "trainable", "frozen"]
-    ceiling = unlearned["zero"].ceiling
+    ceiling = baselines["zero"].ceiling
     for channel in force:
         limit = f" (ceiling {ceiling[channel.name]:.3f})" if ceiling else ""
         columns += [f"RMSE {channel.name} [{channel.unit}]", f"R² {channel.name}{limit}"]
     groups: dict[str, list[ScoreRow]] = {}
     for row in rows:
         groups.setdefault(json.dumps([row.arch, row.configuration]), []).append(row)
-    table = [_unlearned_line(name, scored, force) for name, scored in unlearned.items()]
+    table = [_baseline_line(name, scored, force) for name, scored in baselines.items()]
     for runs in groups.values():
         alike = [row.configuration for row in rows if row.arch == runs[0].arch]
         differs = what_differs(runs[0].configuration, alike)
@@ -213,7 +218,7 @@ def print_scores(
     print_table(title, [*columns, "seconds"], table)
 
 
-def _unlearned_line(name: str, scored: "Score", force: "Sequence[Quantity]") -> list[str]:
+def _baseline_line(name: str, scored: "Score", force: "Sequence[Quantity]") -> list[str]:
     line = [name, "", ""]
     for channel in force:
         line.append(mean_and_spread([scored.rmse[channel.name]], ".4g"))
@@ -221,9 +226,9 @@ def _unlearned_line(name: str, scored: "Score", force: "Sequence[Quantity]") -> 
     return [*line, ""]
 
 
-def unlearned_rows(unlearned: "Mapping[str, Score]", lead_s: float) -> list[dict[str, Any]]:
+def baseline_rows(baselines: "Mapping[str, Score]", lead_s: float) -> list[dict[str, Any]]:
     """The same for `--json`."""
     return [
         {"predictor": name, "lead_s": lead_s, "rmse": scored.rmse, "r2": scored.r2}
-        for name, scored in unlearned.items()
+        for name, scored in baselines.items()
     ]

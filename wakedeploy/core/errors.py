@@ -29,6 +29,13 @@ class CheckFailed(WakedeployError):
     """A run or a check that was carried out and did not pass (exit status 1)."""
 
 
+class OutOfRange(UserWarning):
+    """Observations lie far outside what a predictor has learned from, as in another unit.
+
+    `warnings.filterwarnings("error", category=wd.OutOfRange)` makes an error of it.
+    """
+
+
 def installs(what: str) -> str:
     """The command that installs this project's extra `what` ("" for none) where it runs, as advice.
 

@@ -4,6 +4,7 @@ matplotlib is imported inside the functions and draws without a screen. In: noth
 styled figures, PNG files.
 """
 
+import io
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,3 +109,20 @@ def plain_log(axes: "Axes") -> None:
         axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
+
+def png_of(drawn: "Figure") -> bytes:
+    """A figure as the bytes of a PNG file, in the project's style."""
+    buffer = io.BytesIO()
+    with style():
+        drawn.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def showing_itself(drawn: "Figure") -> "Figure":
+    """The figure, which a notebook now shows when it is the last value of a cell.
+
+    matplotlib shows figures by itself only where pyplot made them.
+    """
+    drawn._repr_png_ = lambda: png_of(drawn)  # type: ignore[attr-defined]
+    return drawn

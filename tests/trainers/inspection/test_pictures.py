@@ -18,6 +18,7 @@ from trainers.inspection import pictures
 from trainers.inspection.curves import draw_curves
 from trainers.inspection.pictures import draw_prediction, write_pictures
 from trainers.inspection.report import write_run_report
+from trainers.training.baselines import baselines
 from trainers.training.fit import Fit, FitSettings
 from trainers.training.runs import BEST, METRICS, RidgeErrors, TrainedRun, load_run, new_predictor
 from trainers.training.trainer import configure, new_fit, tapes, train
@@ -72,7 +73,8 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     run = trained(echo, tmp_path)
     kept = run.metrics.model_copy(update={"test": Scores(rmse={"f_n": 0.006}, r2={"f_n": 0.91})})
     run = dataclasses.replace(run, metrics=kept)
-    words = re.sub(r"</?span>", "", write_run_report(run).read_text("utf-8"))
+    beside = baselines(echo, "test", 0.0)
+    words = re.sub(r"</?span>", "", write_run_report(run, beside).read_text("utf-8"))
     text = html.unescape(words)
     assert "It predicts f_n to within 0.006 N (RMS): well." in text
     assert "naming the mean would be off by 0.02 N" in text  # 0.02² × 0.09 = 0.006²
@@ -81,8 +83,13 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     assert "run-gantry" not in text  # no gantry
     dots = re.findall(r"<title>validation: ([\d.]+) at epoch (\d+)</title>", text)
     assert [float(error) ** 2 for error, _ in dots] == pytest.approx(run.metrics.history, rel=1e-3)
-    before = write_run_report(run).stat().st_mtime_ns
-    assert write_run_report(run).stat().st_mtime_ns == before
+    (tested,) = run.metrics.test_episodes
+    row = ("e0", str(tested.samples), f"{tested.rmse['f_n']:.4g}", f"{tested.relative['f_n']:.3f}")
+    assert "<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" in text
+    linear = f"{beside['linear, window'].rmse['f_n']:.4g}"
+    assert f"<td>linear, window</td><td>test</td><td>f_n</td><td>{linear}</td>" in text
+    before = write_run_report(run, beside).stat().st_mtime_ns
+    assert write_run_report(run, beside).stat().st_mtime_ns == before
 
 
 def test_curves_are_the_errors_of_each_epoch_with_the_best_marked() -> None:
