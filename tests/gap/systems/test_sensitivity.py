@@ -163,6 +163,25 @@ def test_a_column_without_a_unit_has_no_1_behind_its_range() -> None:
     assert "input command_pct: −0.3751 to 0.5 %" in _notes(0.0, **in_percent).splitlines()
 
 
+def test_degrees_that_are_taken_for_radians_are_turns() -> None:
+    angle = {"inputs": [Input("command_pct", "rad")]}
+    columns = {"command_pct": np.linspace(-90.0, 90.0, 400), "flow": np.zeros(400)}
+    log = Recording("made", np.arange(400) / 100.0, columns)
+    told = column_notes(LogModel(_valve(**angle), [log]))
+    assert (
+        "input command_pct: −90 to 90 rad, 29 turns; if the log counts degrees, its unit is deg"
+        in told
+    )
+    assert "turns" not in _notes(0.0, **angle)
+
+
+def test_one_reading_at_an_end_is_no_limit() -> None:
+    short = np.sin(np.arange(50) / 7.0)
+    columns = {"command_pct": short, "flow": short}
+    told = column_notes(LogModel(_valve(), [Recording("made", np.arange(50) / 100.0, columns)]))
+    assert not any("is at its" in note for note in told)
+
+
 def test_all_numbers_have_the_same_sign_for_minus() -> None:
     held = np.clip(np.sin(np.arange(400) / 10.0), -0.45, 0.9)
     columns = {"command_pct": held, "flow": held}

@@ -4,7 +4,7 @@ In: a `Comparison` and points. Out: fits. A step is tried with several dampings 
 run over the logs, as a run costs little more with several parameter sets than with one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,21 +47,26 @@ def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
 
 
 def finished(
-    model: Comparison, base: Fit, starts: Sequence[Fit], fits: Sequence[Fit]
+    model: Comparison,
+    base: Fit,
+    starts: Sequence[Fit],
+    fits: Sequence[Fit],
+    ended: Callable[[int], None] = lambda count: None,
 ) -> dict[int, Fit]:
     """Those that may be the best one, to the end, in place of what the race came to.
 
     A race ends where steps get short, and along a curved valley that is far below the summit: what
     leads there need not lead at the end. Two more climbs begin where the effect has its size from
     the race or from before it, and everything else is as in the base; most of such valleys can be
-    gone round.
+    gone round. `ended` is told how many have been asked about.
     """
     best = max((f.objective for f in fits), default=0.0) - base.objective
-    return {
-        i: to_the_end(model, base, [start.theta, fitted.theta], fitted)
-        for i, (start, fitted) in enumerate(zip(starts, fits, strict=True))
-        if fitted.objective - base.objective > min(_BEHIND * best, best - _NEAR_NATS)
-    }
+    reached = {}
+    for i, (start, fitted) in enumerate(zip(starts, fits, strict=True)):
+        if fitted.objective - base.objective > min(_BEHIND * best, best - _NEAR_NATS):
+            reached[i] = to_the_end(model, base, [start.theta, fitted.theta], fitted)
+        ended(i + 1)
+    return reached
 
 
 def to_the_end(model: Comparison, base: Fit, points: Sequence[FloatArray], fitted: Fit) -> Fit:

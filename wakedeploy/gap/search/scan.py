@@ -20,6 +20,7 @@ from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.needed_gain import Chance
 
 CLIMBED = 6  # candidates that are raced
+_CLIMB_LOOKS = 10  # looks that take about as long as one climb to the end
 _ALIKE, _MOST_ALIKE = 0.6, 4  # cosine of look-alikes, and how many are climbed to the end
 _BOTH_LATE = 0.3  # the same where both make something late: bent constants hide how alike they are
 DRAWS = 200  # of what chance would bring
@@ -41,7 +42,7 @@ def ranked(
 
     `known` are fits of some that began elsewhere.
     """
-    ground, total = Ground.of(base), len(names) + CLIMBED
+    ground, total = Ground.of(base), len(names) + _CLIMB_LOOKS * CLIMBED
     seen_all = looks(model, ground, names, lambda done, _: steps(done, total))
     order = sorted(seen_all, key=lambda seen: -seen.prospect(base))
     most = order[0].prospect(base) if order else 0.0
@@ -51,7 +52,10 @@ def ranked(
     fits = raced(model, base, starts)
     fitted = {seen.name: seen.fit for seen in order}
     fitted |= {seen.name: raced_fit for seen, raced_fit in zip(chosen, fits, strict=True)}
-    ends = {chosen[i].name: f for i, f in finished(model, base, starts, fits).items()}
+    ended = finished(
+        model, base, starts, fits, lambda k: steps(len(names) + _CLIMB_LOOKS * k, total)
+    )
+    ends = {chosen[i].name: f for i, f in ended.items()}
     ends |= {n: f for n, f in known.items() if f.objective > ends.get(n, fitted[n]).objective}
     ends |= {name: _highest(model, base, contender) for name, contender in ends.items()}
     alike = _lookalikes(model, ground, order, fitted, ends)

@@ -30,6 +30,8 @@ _AHEAD, _FINER, _PLACES = 10, 4, 1000  # samples on, steps for one, places that 
 _AT_REST_NATS = 1e-3  # a fit's last step promises less
 _OUTSIDE = 0.5  # of the width of its limits: so far beyond them an input has another unit
 _MOVING = 0.05  # of its usual rate, from which a state is not at rest
+_MANY_TURNS = 3.0  # that an output's range may have before degrees are thought of
+_FEWEST_STUCK = 3  # samples at a column's end
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
 
 
@@ -150,8 +152,17 @@ def _ranges(model: LogModel) -> list[str]:
     ends = zip(np.nanmin(every, axis=1), np.nanmax(every, axis=1), strict=True)
     return [
         f"{name}: {minus(f'{low:.4g}')} to {minus(f'{high:.4g}')}{_behind(unit)}"
+        f"{_turned(high - low, unit)}"
         for (name, unit), (low, high) in zip(named, ends, strict=True)
     ]
+
+
+def _turned(span: float, unit: str) -> str:
+    """How many turns a range in radians is, from a few on: degrees that were taken for radians."""
+    turns = span / (2.0 * np.pi)
+    if unit != "rad" or turns < _MANY_TURNS:
+        return ""
+    return f", {turns:.0f} turns; if the log counts degrees, its unit is deg"
 
 
 def _names(model: LogModel) -> list[str]:
@@ -248,8 +259,9 @@ def _notes(what: str, values: FloatArray) -> list[str]:
         return [f"{what} never changes: nothing can be learnt from it."]
     notes = []
     for end, word in ((values.max(), "most"), (values.min(), "least")):
-        share = float(np.mean(values == end))
-        if share > _STUCK and len(np.unique(values)) > 20:
+        there = int(np.sum(values == end))
+        share = there / len(values)
+        if there >= _FEWEST_STUCK and share > _STUCK and len(np.unique(values)) > 20:
             notes.append(
                 f"{what} is at its {word}, {minus(f'{end:.4g}')}, in {share:.1%} of the samples."
             )
