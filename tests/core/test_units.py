@@ -160,7 +160,9 @@ def test_a_name_s_end_says_its_unit(name: str, unit: str | None) -> None:
         ("wind_kn", "m/s", "knots"), ("push_kn", "N", "kN"), ("push_kn", "kN", None),
         ("p_mbar", "Pa", "mbar"), ("p_bar", "Pa", "bar"), ("p_kpa", "bar", "kPa"),
         ("x_bar", "m", None), ("motor_kt", "N m/A", None), ("motor_km", "N m/A", None),  # no units
-        ("rel_vx_mps", "T", "m/s"), ("encoder_mm", "V", "mm"), ("yaw_deg", "V", "deg"),
+        ("rel_vx_mps", "T", "m/s"), ("encoder_mm", "V", None), ("servo_deg", "us", None),
+        ("drag_n_per_kmh", "N/kmh", None), ("stiffness_n_per_cm", "N/cm", None),
+        ("torque_n_mm", "N mm", None), ("load_kg", "N", None),
         ("encoder_m", "V", None), ("x_s", "m", None), ("u_n", "V", None), ("vx_mps", "1", None),
         ("yaw_rad", "1", None), ("speed_rpm", "Hz", "rpm"), ("mps", "T", None),
     ],

@@ -252,10 +252,8 @@ _ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt`
     "cm": ["cm"], "km": ["km"], "kmh": ["kmh"], "kn": ["kN", "knots"], "kt": ["knots"],
     "kts": ["knots"], "knots": ["knots"], "bar": ["bar"], "mbar": ["mbar"], "kpa": ["kPa"],
 }  # fmt: skip
-_PLAIN_ENDS = {  # that are a unit beside any other
-    "mps", "mps2", "radps", "radps2", "kgm2", "kg", "rad", "deg", "rpm", "hz", "ohm", "mm",
-    "cm", "kmh", "knots", "kts", "mbar", "kpa",
-}  # fmt: skip
+# That are a unit beside any other. Not `servo_deg`, whose pulse is in µs, or `load_kg` in newtons.
+_PLAIN_ENDS = {"mps", "mps2", "radps", "radps2", "kgm2", "rpm", "kmh", "knots", "kts"}
 
 
 def unit_at_end(name: str) -> str | None:
@@ -287,7 +285,8 @@ def contradicted(name: str, unit: str) -> str | None:
     alike = [each for each in named if same_dimension(each, unit)]
     if alike:
         return None if any(same_unit(each, unit) for each in alike) else alike[0]
-    is_plain = end in _PLAIN_ENDS and is_known(unit) and not same_dimension(unit, "1")
+    is_whole = "_per_" not in name.lower()  # the end of push_n_per_mps is not all of its unit
+    is_plain = end in _PLAIN_ENDS and is_known(unit) and not same_dimension(unit, "1") and is_whole
     return named[0] if named and is_plain else None
 
 
@@ -329,8 +328,22 @@ def _meant(text: str) -> str:
     names = [name for name in _SYMBOLS if name.lower() == folded]
     names += ["knots"] if folded == "kn" else []
     if not names:
-        return ""
+        return _meant_in_parts(text)
     return f": {' or '.join(sorted(names))} may be meant; give {'which' if names[1:] else 'that'}"
+
+
+def _meant_in_parts(text: str) -> str:
+    """The same of a compound: N m/A for NM/A, if each part that is not known means one unit."""
+    parts = re.split(r"([^A-Za-zµμ°]+)", text.strip())
+    for i, part in enumerate(parts):
+        if part.isalpha() and _read(part) is None:
+            names = [name for name in _SYMBOLS if name.lower() == part.lower()]
+            if len(names) != 1:
+                return ""
+            parts[i] = names[0]
+    joined = "".join(parts)
+    known = joined != text.strip() and _read(joined) is not None
+    return f": {joined} may be meant; give that" if known else ""
 
 
 def si_unit(text: str) -> str:

@@ -83,7 +83,9 @@ class _Reader:
         """Every variable and every field, by name."""
         for kind, content in _elements(body, self._order):
             if kind == _COMPRESSED:
-                (kind, content), *_ = _elements(_unpacked(content, self._room), self._order)
+                kind, content = next(
+                    iter(_elements(_unpacked(content, self._room), self._order)), (0, b"")
+                )
             if kind != _MATRIX:
                 raise ValueError(f"damaged: an element of type {kind} where a variable should be")
             room = self._room

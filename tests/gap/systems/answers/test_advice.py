@@ -41,6 +41,11 @@ def test_a_name_that_leaves_a_law_is_not_all_of_it() -> None:
         "the squared forecast error that is left."
     )
     assert first[-1].startswith("What next? Write the term that is missing: what acts on speed_mps")
+    named, other = most | {"removes": 0.9, "low": 0.8}, most | {"removes": 0.6, "low": 0.55}
+    beside = push("turn_radps", law=other, not_offered=["offset"])
+    both = first_screen(result(unexplained=[push(law=named), beside]))  # of the same push
+    assert "on speed_mps removes 90 %" in both[0]
+    assert both[-1].startswith("What next? Write the term that is missing: what acts on speed_mps")
     for other in ([], [push()], [push(law=LAW)]):
         assert "not its form" not in first_screen(result(unexplained=other))[0]
 

@@ -38,40 +38,39 @@ def rest_words(answer: Answer) -> str:
 def more_than_named(result: Result) -> str:
     """What to do where a law says most of what names leave; "" where none does."""
     rest = _mostly_lawful(result)
-    return "" if rest is None else kinds_to_offer(result) or _term(rest)
+    return "" if rest is None else _more_kinds(rest) or _term(rest)
 
 
 def _mostly_lawful(answer: Answer) -> Leftover | None:
-    """What is left of which a law surely removes most of the error."""
+    """What is left of which a law surely removes most of the error; of several, the most."""
     lawful = [p for p in answer.unexplained if p.law and p.law.low > RULES.surely_share]
     return max(lawful, key=_removes, default=None)
 
 
-def kinds_to_offer(result: Result) -> str:
-    """Which port to add or to offer more kinds at, where a law says most of the rest; else "".
+def _more_kinds(rest: Leftover) -> str:
+    """Which port to add or to offer more kinds at, for what is left; "" where all are offered.
 
-    People take kinds out of a port that they hold to be impossible. Where a law over a coordinate
-    removes most of the error that is left, one of these may be it.
+    People take kinds out of a port that they hold to be impossible: one of these may be it.
     """
-    lawful = [
-        push for push in result.unexplained if push.law and (push.not_offered or not push.has_port)
-    ]
-    best = max(lawful, key=_removes, default=None)
-    if best is None or best.law is None or best.law.low < RULES.surely_share:
+    assert rest.law is not None
+    if not rest.has_port:
+        lacks = f'{rest.state} has no port. Add Port.force("{rest.state}", …)'
+    elif rest.not_offered:
+        kinds = listed(rest.not_offered)
+        lacks = f"the port of {rest.state} leaves out {kinds}. Add them to its kinds"
+    else:
         return ""
-    lacks = f"the port of {best.state} leaves out {listed(best.not_offered)}. Add them to its kinds"
-    if not best.has_port:
-        lacks = f'{best.state} has no port. Add Port.force("{best.state}", …)'
     return (
-        f"Let the search try more: what is left on {best.state} follows a law over "
-        f"{_over(best.law)}, and {lacks}, and ask again."
+        f"Let the search try more: what is left on {rest.state} follows a law over "
+        f"{_over(rest.law)}, and {lacks}, and ask again."
     )
 
 
 def _first(result: Result) -> str:
     if result.rivals:
         return "Record an input that tells these apart, if there is one."
-    offer = kinds_to_offer(result)
+    rest = _mostly_lawful(result)
+    offer = "" if rest is None else _more_kinds(rest)
     if offer:
         return offer
     lawful = [push for push in result.unexplained if push.law and push.law.removes > 0.0]
