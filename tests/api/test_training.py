@@ -95,6 +95,13 @@ def test_a_set_in_another_unit_is_warned_of_and_named(runs: wd.Runs) -> None:
     assert "check the unit" in sentence
 
 
+def test_a_split_without_episodes_is_refused_on_another_set(runs: wd.Runs) -> None:
+    data = echo()
+    learned = {episode.name: "train" for episode in data.episodes}
+    with pytest.raises(wd.UnusableInput, match=r"The 'test' split .* has no episode longer"):
+        wd.evaluate(runs, dataclasses.replace(data, split=learned), "test")
+
+
 def test_episodes_become_a_table(runs: wd.Runs) -> None:
     with pytest.raises(wd.UnusableInput, match='give "runs" or "episodes"'):
         runs.to_pandas("files")

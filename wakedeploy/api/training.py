@@ -439,8 +439,11 @@ def _warn_of_ranges(
     from wakedeploy.core.observations import out_of_range
 
     others = {r.config.data_sha256: r for r in trained if r.config.data_sha256 != data.sha256}
+    episodes = data.part(split)
+    if not others or not episodes:  # scoring refuses a split without episodes, and says why
+        return
+    seen = np.concatenate([episode.observation for episode in episodes])  # (T, d)
     for run in others.values():
-        seen = np.concatenate([episode.observation for episode in data.part(split)])
         if sentence := out_of_range(seen, run.config.observation):
             warn(f"{run.folder}: {sentence}")
 
