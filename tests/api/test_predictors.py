@@ -107,6 +107,23 @@ def test_knots_for_metres_a_second_are_warned_of() -> None:
     assert "check the unit" in out_of_range(mps / 0.5144, speed)
 
 
+def test_a_channel_that_never_changed_is_told_as_such() -> None:
+    """A thousandth of the constant is no news; what is, is no question of a range."""
+    gravity = (ObservationChannel(name="g", unit="m/s^2", min=9.81, max=9.81),)
+    assert out_of_range(np.full((50, 1), 9.810002, np.float32), gravity) is None
+    assert out_of_range(np.full((50, 1), 9.802, np.float32), gravity) is None
+    told = out_of_range(np.full((50, 1), 9.79, np.float32), gravity)
+    assert told.startswith("g never changed in training (9.81 m/s^2), and is 9.79 to 9.79 here:")
+    assert "in training it was" not in told
+
+
+def test_a_narrow_range_is_shown_with_digits_that_tell_it_apart() -> None:
+    pressure = (ObservationChannel(name="p", unit="kPa", min=100.0, max=100.1),)
+    assert out_of_range(np.full((50, 1), 100.19, np.float32), pressure) is None
+    told = out_of_range(np.full((50, 1), 100.3, np.float32), pressure)
+    assert "p is 100.3 to 100.3, in training it was 100 to 100.1 kPa: check the unit." in told
+
+
 def test_a_predictor_says_what_it_is(predictor: wd.Predictor) -> None:
     manifest = predictor.manifest
     assert manifest.arch in repr(predictor)

@@ -10,6 +10,7 @@ from wakedeploy.core.errors import OutOfRange, UnusableInput
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
 
 _BEYOND = 0.25  # of a range's width on either side: also ±3 m/s, read as ±5.8 kn, is outside
+_ALIKE = 1e-3  # of a range's larger end: what is rounded otherwise is no other value
 _SHARE = 0.05  # of the values that may lie further out
 
 
@@ -49,20 +50,31 @@ def warn_out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]
 
 
 def out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> str | None:
-    """Which channels of observations (…, d) have other values than in training, in a sentence.
+    """Which channels of observations (…, d) have other values than in training, in sentences.
 
     Those are meant of whose values more than a twentieth lie outside the range of the training
-    episodes by more than a quarter of its width. None where there is no such channel.
+    episodes by more than a quarter of its width, and by more than a thousandth of its larger end.
+    A channel that never changed in training is told apart. None where there is no such channel.
     """
-    found = []
+    ranged, constant = [], []
     for each, channel in zip(values.reshape(-1, len(channels)).T, channels, strict=True):
-        margin = _BEYOND * (channel.max - channel.min)
-        far = (each < channel.min - margin) | (each > channel.max + margin)
-        if far.any() and far.mean() > _SHARE:
-            found.append(
-                f"{channel.name} is {np.nanmin(each):.3g} to {np.nanmax(each):.3g}, in training it"
-                f" was {channel.min:.3g} to {channel.max:.3g} {channel.unit}"
+        least, most = channel.min, channel.max
+        margin = max(_BEYOND * (most - least), _ALIKE * max(abs(least), abs(most)))
+        far = (each < least - margin) | (each > most + margin)
+        if not far.any() or far.mean() <= _SHARE:
+            continue
+        here = f"{np.nanmin(each):.4g} to {np.nanmax(each):.4g}"
+        if most > least:
+            ranged.append(
+                f"{channel.name} is {here}, in training it was {least:.4g} to {most:.4g}"
+                f" {channel.unit}"
             )
-    if not found:
-        return None
-    return f"{'; '.join(found)}: check the unit. Forces for what was never learned may be far off."
+        else:
+            constant.append(
+                f"{channel.name} never changed in training ({least:.4g} {channel.unit}), and is"
+                f" {here} here"
+            )
+    told = [f"{'; '.join(ranged)}: check the unit."] if ranged else []
+    if constant:
+        told.append(f"{'; '.join(constant)}: its effect was not learned; check the unit too.")
+    return f"{' '.join(told)} Forces for what was never learned may be far off." if told else None
