@@ -102,6 +102,19 @@ def test_a_split_without_episodes_is_refused_on_another_set(runs: wd.Runs) -> No
         wd.evaluate(runs, dataclasses.replace(data, split=learned), "test")
 
 
+def test_another_range_is_warned_of_by_its_category_where_it_was_evaluated(runs: wd.Runs) -> None:
+    data = echo()
+    tenfold = tuple(dataclasses.replace(e, observation=10 * e.observation) for e in data.episodes)
+    other = dataclasses.replace(data, episodes=tenfold)
+    with pytest.warns(wd.OutOfRange) as told:
+        wd.evaluate(runs, other)
+    assert [warning.filename for warning in told] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", category=wd.OutOfRange)
+        wd.evaluate(runs, other)
+
+
 def test_episodes_become_a_table(runs: wd.Runs) -> None:
     with pytest.raises(wd.UnusableInput, match='give "runs" or "episodes"'):
         runs.to_pandas("files")

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from wakedeploy.api.inputs import PathLike, Warn, episode_set, warn_caller
+from wakedeploy.api.inputs import PathLike, Warn, episode_set
 from wakedeploy.api.scores import ScoreRow, Scores, Shown, score_row
-from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.caller import warn_caller
+from wakedeploy.core.errors import CheckFailed, OutOfRange, UnusableInput
 from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -171,7 +172,8 @@ def evaluate(
         split: "train", "validation", "test" or "all".
         progress: Called with a stage, the runs done and their number.
         warn: Called with a sentence about runs in a folder that do not fit the set, and about
-            channels that have other values than in training.
+            channels that have other values than in training. Default: Python's warnings, the latter
+            by `wd.OutOfRange`.
 
     Returns:
         RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
@@ -442,10 +444,12 @@ def _warn_of_ranges(
     episodes = data.part(split)
     if not others or not episodes:  # scoring refuses a split without episodes, and says why
         return
+    # Python's warnings are filtered by category; any other `warn` takes a sentence alone.
+    tell = functools.partial(warn_caller, category=OutOfRange) if warn is warn_caller else warn
     seen = np.concatenate([episode.observation for episode in episodes])  # (T, d)
     for run in others.values():
         if sentence := out_of_range(seen, run.config.observation):
-            warn(f"{run.folder}: {sentence}")
+            tell(f"{run.folder}: {sentence}")
 
 
 def _place_in_table(run: "TrainedRun") -> tuple[int, int]:

@@ -1,11 +1,11 @@
 """Observations as a caller gives them: a predictor's channels in order, and in their ranges."""
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from wakedeploy.core.caller import warn_caller
 from wakedeploy.core.errors import OutOfRange, UnusableInput
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
 
@@ -44,9 +44,9 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
 
 
 def warn_out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> None:
-    """Warn who called the caller, by `OutOfRange`, where `out_of_range` has something to say."""
+    """Warn whoever called, by `OutOfRange`, where `out_of_range` has something to say."""
     if sentence := out_of_range(values, channels):
-        warnings.warn(sentence, OutOfRange, stacklevel=3)
+        warn_caller(sentence, OutOfRange)
 
 
 def out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> str | None:
