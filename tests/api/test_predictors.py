@@ -81,6 +81,27 @@ def test_nothing_gives_nothing_and_another_shape_is_refused(predictor: wd.Predic
         predictor.predict([["fast"] * inputs])
 
 
+def test_what_is_no_real_number_is_refused_by_series_and_by_step(predictor: wd.Predictor) -> None:
+    inputs = len(predictor.manifest.observation)
+    for value in ("1.0", None, 1 + 2j, 10**400, np.datetime64("2026-01-01")):
+        for row in ([value] * inputs, [value, *[1.0] * (inputs - 1)]):
+            with pytest.raises(wd.UnusableInput, match="not an array of numbers"):
+                predictor.predict([row])
+            with pytest.raises(wd.UnusableInput, match="cannot be used"):
+                predictor.step(row)
+
+
+def test_columns_of_a_frame_may_be_numbers_of_several_kinds(predictor: wd.Predictor) -> None:
+    pandas = pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    names = [c.name for c in predictor.manifest.observation]
+    frame = pandas.DataFrame({names[0]: [True, False], names[1]: [0.5, 0.25]})
+    forces = predictor.predict([[1.0, 0.5], [0.0, 0.25]])
+    np.testing.assert_array_equal(predictor.predict(frame), forces)
+    with pytest.raises(wd.UnusableInput, match="not an array of numbers"):
+        predictor.predict(frame.assign(**{names[0]: ["1.0", "0.0"]}))
+    assert len(predictor.predict(pandas.DataFrame(columns=names))) == 0
+
+
 def test_other_values_than_in_training_are_warned_of_and_named(predictor: wd.Predictor) -> None:
     """The tiny packages saw -1 to 1 m: a twentieth may lie beyond 1.5, not more."""
     series = np.zeros((100, 2), np.float32)

@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.core.caller import warn_caller
-from wakedeploy.core.errors import OutOfRange, UnusableInput
+from wakedeploy.core.errors import OutOfRange, UnusableInput, one_line
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
 
+_REAL = "fiub"  # kinds of arrays that hold real numbers
 _BEYOND = 0.25  # of a range's width on either side: also ±3 m/s, read as ±5.8 kn, is outside
 _ALIKE = 1e-3  # of a range's larger end: what is rounded otherwise is no other value
 _SHARE = 0.05  # of the values that may lie further out
@@ -27,19 +28,39 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
             raise UnusableInput(
                 f"The observations have no column {', '.join(missing)}; give {', '.join(names)}."
             )
-        observations = observations[names]  # type: ignore[index]
     try:
-        values = np.asarray(observations, dtype=np.float32)
-    except (ValueError, TypeError) as error:
+        if hasattr(observations, "columns"):  # each has a type of its own
+            columns = [real_numbers(observations[name]) for name in names]  # type: ignore[index]
+            values = np.column_stack(columns).astype(np.float32, copy=False)
+        else:
+            values = real_numbers(observations).astype(np.float32, copy=False)
+    except ValueError as error:
         raise UnusableInput(
-            f"The observations are not an array of numbers ({error}); give (T, {len(names)}):"
-            f" {', '.join(names)}."
+            f"The observations are not an array of numbers ({one_line(error)});"
+            f" give (T, {len(names)}): {', '.join(names)}."
         ) from error
     if values.ndim not in (2, 3) or values.shape[-1] != len(names):
         raise UnusableInput(
             f"The observations have shape {values.shape}; give (T, {len(names)}) or"
             f" (B, T, {len(names)}): {', '.join(names)}."
         )
+    return values
+
+
+def real_numbers(given: npt.ArrayLike) -> npt.NDArray[np.generic]:
+    """What was given as an array of integers, floats or truth values, of any shape.
+
+    ValueError says what else it holds: text, None, complex numbers, dates, lists of several
+    lengths, and integers that no such array can hold.
+    """
+    try:
+        values = np.asarray(given)
+    except OverflowError as error:  # 10**400 beside a float
+        raise ValueError("it holds a number that is too large") from error
+    except TypeError as error:  # what cannot be an array here, as a tensor on a GPU
+        raise ValueError(one_line(error)) from error
+    if values.dtype.kind not in _REAL and values.size:  # an empty list or frame may be of any kind
+        raise ValueError("it holds what is no number")
     return values
 
 
