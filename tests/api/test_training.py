@@ -126,6 +126,19 @@ def test_episodes_become_a_table(runs: wd.Runs) -> None:
     assert pooled == pytest.approx(wd.evaluate(runs, echo(), "train").rows[0].rmse["f_n"])
 
 
+def test_a_finished_run_without_episodes_is_scored_in_each(session: Path) -> None:
+    """Its record is written as before the errors in each episode were kept."""
+    asked = {"epochs": 1, "out": session / "before", "pictures": False}
+    first = wd.train(echo(), "history-mlp", **asked)
+    record = first[0].folder / "metrics.json"
+    facts = json.loads(record.read_text())
+    del facts["test_episodes"]
+    record.write_text(json.dumps(facts))
+    again = wd.train(echo(), "history-mlp", **asked)
+    assert again.scores.rows[0].episodes == first.scores.rows[0].episodes != ()
+    assert again[0].metrics.test_episodes == first[0].metrics.test_episodes
+
+
 def test_scores_show_themselves(runs: wd.Runs) -> None:
     assert "RMSE f_n [N]: history-mlp s0" in repr(runs)
     assert "<td>gru</td>" in runs._repr_html_()

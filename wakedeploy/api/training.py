@@ -4,7 +4,7 @@ import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -338,9 +338,23 @@ def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: s
         except (KeyboardInterrupt, CheckFailed):
             _drawn(lambda: write_pictures_so_far(folder, data), manner)
             raise
+        run = _with_test_episodes(run, data)
         tracked.finished(run, _drawn(lambda: write_pictures(run, data), manner))
         _drawn(lambda: [write_run_report(run, manner.baselines())], manner)
     return run
+
+
+def _with_test_episodes(run: "TrainedRun", data: "EpisodeSet") -> "TrainedRun":
+    """A run with its errors in each test episode; of one that was finished before, scored anew.
+
+    Its record stays as it was written.
+    """
+    from trainers.training.score import score
+
+    if run.metrics.test_episodes:
+        return run
+    found = score(run.predictor, data, "test", run.config.lead_s).episodes
+    return replace(run, metrics=run.metrics.model_copy(update={"test_episodes": found}))
 
 
 def _drawn(write: Callable[[], list[Path]], manner: _Manner) -> list[Path]:
