@@ -10,6 +10,7 @@ from made_packages import sound
 from needs import c_compiler
 
 import wakedeploy as wd
+from runtime.loop.safety import far_outside
 from runtime.predictor import PackagePredictor
 from wakedeploy.core.manifest import ObservationChannel
 from wakedeploy.core.observations import out_of_range
@@ -126,6 +127,14 @@ def test_knots_for_metres_a_second_are_warned_of() -> None:
     mps = 1.5 - 1.5 * np.cos(np.linspace(0.0, 20.0, 400, dtype=np.float32))[:, None]
     assert out_of_range(mps, speed) is None
     assert "check the unit" in out_of_range(mps / 0.5144, speed)
+
+
+def test_knots_of_either_sign_are_warned_of_and_pass_the_loop() -> None:
+    """A carriage at -3 to 3 m/s: one value stops the loop's feedforward, so that it is slower."""
+    speed = (ObservationChannel(name="speed_mps", unit="m/s", min=-3.0, max=3.0),)
+    knots = (3.0 / 0.5144) * np.sin(np.linspace(0.0, 20.0, 400, dtype=np.float32))[:, None]
+    assert "check the unit" in out_of_range(knots, speed)
+    assert not any(far_outside(each, np.float32([-3.0]), np.float32([3.0])) for each in knots)
 
 
 def test_a_channel_that_never_changed_is_told_as_such() -> None:

@@ -76,6 +76,10 @@ def out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> 
     Those are meant of whose values more than a twentieth lie outside the range of the training
     episodes by more than a quarter of its width, and by more than a thousandth of its larger end.
     A channel that never changed in training is told apart. None where there is no such channel.
+
+    The control loop (`runtime.loop.safety.far_outside`) begins at half the width: a single value
+    costs it the feedforward. Here many values only bring a warning, so that it may come sooner, as
+    it has to: ±3 m/s read in knots reach ±5.8, which is not beyond half the width.
     """
     ranged, constant = [], []
     for each, channel in zip(values.reshape(-1, len(channels)).T, channels, strict=True):
