@@ -7,8 +7,7 @@ import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.manifest import FloatArray, Manifest
-
-_NUMBERS = "fiub"  # kinds of arrays that are real numbers
+from wakedeploy.core.observations import real_numbers
 
 
 class SteppedPredictor(abc.ABC):
@@ -51,13 +50,11 @@ class SteppedPredictor(abc.ABC):
         is no number, CheckFailed where the step cannot be computed.
         """
         try:
-            newest = np.asarray(observation)
-        except ValueError as error:  # lists of several lengths
+            newest = real_numbers(observation)
+        except ValueError as error:
             raise UnusableInput(self._refusal(one_line(error))) from error
         if newest.shape not in self._shapes:
             raise UnusableInput(self._refusal(f"it has shape {newest.shape}"))
-        if newest.dtype.kind not in _NUMBERS:
-            raise UnusableInput(self._refusal("it holds what is no number"))
         self._compute(newest)
         self._seen += 1
         return self._force[0].copy() if newest.ndim == 1 else self._force.copy()

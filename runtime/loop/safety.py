@@ -260,7 +260,12 @@ def far_outside(
     low: npt.NDArray[np.float32],
     high: npt.NDArray[np.float32],
 ) -> bool:
-    """Whether an observation (d,) is not finite or far outside the trained range, low to high."""
+    """Whether an observation (d,) is not finite or far outside the trained range, low to high.
+
+    Each tick is judged alone and costs the feedforward, so that the margin is wide: half the range.
+    `predict` in Python only warns, of many values together, and begins at a quarter
+    (`wakedeploy.core.observations.out_of_range`).
+    """
     ranges = zip(observation.tolist(), low.tolist(), high.tolist(), strict=True)
     return not all(
         least - FAR_OUTSIDE * (most - least) <= value <= most + FAR_OUTSIDE * (most - least)

@@ -10,6 +10,7 @@ from made_packages import sound
 from needs import c_compiler
 
 import wakedeploy as wd
+from runtime.loop.safety import far_outside
 from runtime.predictor import PackagePredictor
 from wakedeploy.core.manifest import ObservationChannel
 from wakedeploy.core.observations import out_of_range
@@ -81,6 +82,27 @@ def test_nothing_gives_nothing_and_another_shape_is_refused(predictor: wd.Predic
         predictor.predict([["fast"] * inputs])
 
 
+def test_what_is_no_real_number_is_refused_by_series_and_by_step(predictor: wd.Predictor) -> None:
+    inputs = len(predictor.manifest.observation)
+    for value in ("1.0", None, 1 + 2j, 10**400, np.datetime64("2026-01-01")):
+        for row in ([value] * inputs, [value, *[1.0] * (inputs - 1)]):
+            with pytest.raises(wd.UnusableInput, match="not an array of numbers"):
+                predictor.predict([row])
+            with pytest.raises(wd.UnusableInput, match="cannot be used"):
+                predictor.step(row)
+
+
+def test_columns_of_a_frame_may_be_numbers_of_several_kinds(predictor: wd.Predictor) -> None:
+    pandas = pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    names = [c.name for c in predictor.manifest.observation]
+    frame = pandas.DataFrame({names[0]: [True, False], names[1]: [0.5, 0.25]})
+    forces = predictor.predict([[1.0, 0.5], [0.0, 0.25]])
+    np.testing.assert_array_equal(predictor.predict(frame), forces)
+    with pytest.raises(wd.UnusableInput, match="not an array of numbers"):
+        predictor.predict(frame.assign(**{names[0]: ["1.0", "0.0"]}))
+    assert len(predictor.predict(pandas.DataFrame(columns=names))) == 0
+
+
 def test_other_values_than_in_training_are_warned_of_and_named(predictor: wd.Predictor) -> None:
     """The tiny packages saw -1 to 1 m: a twentieth may lie beyond 1.5, not more."""
     series = np.zeros((100, 2), np.float32)
@@ -105,6 +127,31 @@ def test_knots_for_metres_a_second_are_warned_of() -> None:
     mps = 1.5 - 1.5 * np.cos(np.linspace(0.0, 20.0, 400, dtype=np.float32))[:, None]
     assert out_of_range(mps, speed) is None
     assert "check the unit" in out_of_range(mps / 0.5144, speed)
+
+
+def test_knots_of_either_sign_are_warned_of_and_pass_the_loop() -> None:
+    """A carriage at -3 to 3 m/s: one value stops the loop's feedforward, so that it is slower."""
+    speed = (ObservationChannel(name="speed_mps", unit="m/s", min=-3.0, max=3.0),)
+    knots = (3.0 / 0.5144) * np.sin(np.linspace(0.0, 20.0, 400, dtype=np.float32))[:, None]
+    assert "check the unit" in out_of_range(knots, speed)
+    assert not any(far_outside(each, np.float32([-3.0]), np.float32([3.0])) for each in knots)
+
+
+def test_a_channel_that_never_changed_is_told_as_such() -> None:
+    """A thousandth of the constant is no news; what is, is no question of a range."""
+    gravity = (ObservationChannel(name="g", unit="m/s^2", min=9.81, max=9.81),)
+    assert out_of_range(np.full((50, 1), 9.810002, np.float32), gravity) is None
+    assert out_of_range(np.full((50, 1), 9.802, np.float32), gravity) is None
+    told = out_of_range(np.full((50, 1), 9.79, np.float32), gravity)
+    assert told.startswith("g never changed in training (9.81 m/s^2), and is 9.79 to 9.79 here:")
+    assert "in training it was" not in told
+
+
+def test_a_narrow_range_is_shown_with_digits_that_tell_it_apart() -> None:
+    pressure = (ObservationChannel(name="p", unit="kPa", min=100.0, max=100.1),)
+    assert out_of_range(np.full((50, 1), 100.19, np.float32), pressure) is None
+    told = out_of_range(np.full((50, 1), 100.3, np.float32), pressure)
+    assert "p is 100.3 to 100.3, in training it was 100 to 100.1 kPa: check the unit." in told
 
 
 def test_a_predictor_says_what_it_is(predictor: wd.Predictor) -> None:

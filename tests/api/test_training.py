@@ -95,6 +95,26 @@ def test_a_set_in_another_unit_is_warned_of_and_named(runs: wd.Runs) -> None:
     assert "check the unit" in sentence
 
 
+def test_a_split_without_episodes_is_refused_on_another_set(runs: wd.Runs) -> None:
+    data = echo()
+    learned = {episode.name: "train" for episode in data.episodes}
+    with pytest.raises(wd.UnusableInput, match=r"The 'test' split .* has no episode longer"):
+        wd.evaluate(runs, dataclasses.replace(data, split=learned), "test")
+
+
+def test_another_range_is_warned_of_by_its_category_where_it_was_evaluated(runs: wd.Runs) -> None:
+    data = echo()
+    tenfold = tuple(dataclasses.replace(e, observation=10 * e.observation) for e in data.episodes)
+    other = dataclasses.replace(data, episodes=tenfold)
+    with pytest.warns(wd.OutOfRange) as told:
+        wd.evaluate(runs, other)
+    assert [warning.filename for warning in told] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", category=wd.OutOfRange)
+        wd.evaluate(runs, other)
+
+
 def test_episodes_become_a_table(runs: wd.Runs) -> None:
     with pytest.raises(wd.UnusableInput, match='give "runs" or "episodes"'):
         runs.to_pandas("files")
@@ -104,6 +124,19 @@ def test_episodes_become_a_table(runs: wd.Runs) -> None:
     assert list(frame["episode"][:4]) == ["e0", "e1", "e2", "e3"]
     pooled = np.sqrt(np.average(frame["rmse_f_n"][:4] ** 2, weights=frame["samples"][:4]))
     assert pooled == pytest.approx(wd.evaluate(runs, echo(), "train").rows[0].rmse["f_n"])
+
+
+def test_a_finished_run_without_episodes_is_scored_in_each(session: Path) -> None:
+    """Its record is written as before the errors in each episode were kept."""
+    asked = {"epochs": 1, "out": session / "before", "pictures": False}
+    first = wd.train(echo(), "history-mlp", **asked)
+    record = first[0].folder / "metrics.json"
+    facts = json.loads(record.read_text())
+    del facts["test_episodes"]
+    record.write_text(json.dumps(facts))
+    again = wd.train(echo(), "history-mlp", **asked)
+    assert again.scores.rows[0].episodes == first.scores.rows[0].episodes != ()
+    assert again[0].metrics.test_episodes == first[0].metrics.test_episodes
 
 
 def test_scores_show_themselves(runs: wd.Runs) -> None:

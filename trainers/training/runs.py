@@ -107,8 +107,8 @@ class RunMetrics(_Record):
     `training_history` is the loss that each epoch descended, as `Standing` in
     `trainers.training.fit` tells it, `ridge` what a solved readout was chosen by. `device` is where
     it was fitted; scores are always computed on the CPU. `test_episodes` are the errors in each
-    test episode; runs of an earlier version have none. `data_folder` is where the set lay, if it
-    was read from a folder.
+    test episode; records of an earlier version have none, and `wd.train` scores such runs anew.
+    `data_folder` is where the set lay, if it was read from a folder.
     """
 
     finished_utc: str

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from wakedeploy.api.flights import Flight, Flights
-from wakedeploy.api.inputs import PathLike, Warn, warn_caller
+from wakedeploy.api.inputs import PathLike, Warn
 from wakedeploy.api.systems import is_system, take
+from wakedeploy.core.caller import warn_caller
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.rig import Rig

@@ -1,7 +1,6 @@
 """What every function takes: a thing, or the path of the file or folder that holds it."""
 
 import os
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,8 +27,3 @@ def rig_of(rig: Rig | PathLike | None) -> Rig:
 def path_of(place: PathLike | None) -> Path | None:
     """The path, or None."""
     return None if place is None else Path(place)
-
-
-def warn_caller(sentence: str) -> None:
-    """Tell a caller what it should know, as Python's warnings do."""
-    warnings.warn(sentence, stacklevel=3)

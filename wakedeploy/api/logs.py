@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wakedeploy.api.inputs import PathLike, warn_caller
+from wakedeploy.api.inputs import PathLike
+from wakedeploy.core.caller import warn_caller
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:

@@ -4,13 +4,14 @@ import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from wakedeploy.api.inputs import PathLike, Warn, episode_set, warn_caller
+from wakedeploy.api.inputs import PathLike, Warn, episode_set
 from wakedeploy.api.scores import ScoreRow, Scores, Shown, score_row
-from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.caller import warn_caller
+from wakedeploy.core.errors import CheckFailed, OutOfRange, UnusableInput
 from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -171,7 +172,8 @@ def evaluate(
         split: "train", "validation", "test" or "all".
         progress: Called with a stage, the runs done and their number.
         warn: Called with a sentence about runs in a folder that do not fit the set, and about
-            channels that have other values than in training.
+            channels that have other values than in training. Default: Python's warnings, the latter
+            by `wd.OutOfRange`.
 
     Returns:
         RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
@@ -336,9 +338,23 @@ def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: s
         except (KeyboardInterrupt, CheckFailed):
             _drawn(lambda: write_pictures_so_far(folder, data), manner)
             raise
+        run = _with_test_episodes(run, data)
         tracked.finished(run, _drawn(lambda: write_pictures(run, data), manner))
         _drawn(lambda: [write_run_report(run, manner.baselines())], manner)
     return run
+
+
+def _with_test_episodes(run: "TrainedRun", data: "EpisodeSet") -> "TrainedRun":
+    """A run with its errors in each test episode; of one that was finished before, scored anew.
+
+    Its record stays as it was written.
+    """
+    from trainers.training.score import score
+
+    if run.metrics.test_episodes:
+        return run
+    found = score(run.predictor, data, "test", run.config.lead_s).episodes
+    return replace(run, metrics=run.metrics.model_copy(update={"test_episodes": found}))
 
 
 def _drawn(write: Callable[[], list[Path]], manner: _Manner) -> list[Path]:
@@ -439,10 +455,15 @@ def _warn_of_ranges(
     from wakedeploy.core.observations import out_of_range
 
     others = {r.config.data_sha256: r for r in trained if r.config.data_sha256 != data.sha256}
+    episodes = data.part(split)
+    if not others or not episodes:  # scoring refuses a split without episodes, and says why
+        return
+    # Python's warnings are filtered by category; any other `warn` takes a sentence alone.
+    tell = functools.partial(warn_caller, category=OutOfRange) if warn is warn_caller else warn
+    seen = np.concatenate([episode.observation for episode in episodes])  # (T, d)
     for run in others.values():
-        seen = np.concatenate([episode.observation for episode in data.part(split)])
         if sentence := out_of_range(seen, run.config.observation):
-            warn(f"{run.folder}: {sentence}")
+            tell(f"{run.folder}: {sentence}")
 
 
 def _place_in_table(run: "TrainedRun") -> tuple[int, int]:

@@ -1,15 +1,17 @@
 """Observations as a caller gives them: a predictor's channels in order, and in their ranges."""
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.core.errors import OutOfRange, UnusableInput
+from wakedeploy.core.caller import warn_caller
+from wakedeploy.core.errors import OutOfRange, UnusableInput, one_line
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
 
+_REAL = "fiub"  # kinds of arrays that hold real numbers
 _BEYOND = 0.25  # of a range's width on either side: also ±3 m/s, read as ±5.8 kn, is outside
+_ALIKE = 1e-3  # of a range's larger end: what is rounded otherwise is no other value
 _SHARE = 0.05  # of the values that may lie further out
 
 
@@ -26,13 +28,16 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
             raise UnusableInput(
                 f"The observations have no column {', '.join(missing)}; give {', '.join(names)}."
             )
-        observations = observations[names]  # type: ignore[index]
     try:
-        values = np.asarray(observations, dtype=np.float32)
-    except (ValueError, TypeError) as error:
+        if hasattr(observations, "columns"):  # each has a type of its own
+            columns = [real_numbers(observations[name]) for name in names]  # type: ignore[index]
+            values = np.column_stack(columns).astype(np.float32, copy=False)
+        else:
+            values = real_numbers(observations).astype(np.float32, copy=False)
+    except ValueError as error:
         raise UnusableInput(
-            f"The observations are not an array of numbers ({error}); give (T, {len(names)}):"
-            f" {', '.join(names)}."
+            f"The observations are not an array of numbers ({one_line(error)});"
+            f" give (T, {len(names)}): {', '.join(names)}."
         ) from error
     if values.ndim not in (2, 3) or values.shape[-1] != len(names):
         raise UnusableInput(
@@ -42,27 +47,59 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
     return values
 
 
+def real_numbers(given: npt.ArrayLike) -> npt.NDArray[np.generic]:
+    """What was given as an array of integers, floats or truth values, of any shape.
+
+    ValueError says what else it holds: text, None, complex numbers, dates, lists of several
+    lengths, and integers that no such array can hold.
+    """
+    try:
+        values = np.asarray(given)
+    except OverflowError as error:  # 10**400 beside a float
+        raise ValueError("it holds a number that is too large") from error
+    except TypeError as error:  # what cannot be an array here, as a tensor on a GPU
+        raise ValueError(one_line(error)) from error
+    if values.dtype.kind not in _REAL and values.size:  # an empty list or frame may be of any kind
+        raise ValueError("it holds what is no number")
+    return values
+
+
 def warn_out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> None:
-    """Warn who called the caller, by `OutOfRange`, where `out_of_range` has something to say."""
+    """Warn whoever called, by `OutOfRange`, where `out_of_range` has something to say."""
     if sentence := out_of_range(values, channels):
-        warnings.warn(sentence, OutOfRange, stacklevel=3)
+        warn_caller(sentence, OutOfRange)
 
 
 def out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> str | None:
-    """Which channels of observations (…, d) have other values than in training, in a sentence.
+    """Which channels of observations (…, d) have other values than in training, in sentences.
 
     Those are meant of whose values more than a twentieth lie outside the range of the training
-    episodes by more than a quarter of its width. None where there is no such channel.
+    episodes by more than a quarter of its width, and by more than a thousandth of its larger end.
+    A channel that never changed in training is told apart. None where there is no such channel.
+
+    The control loop (`runtime.loop.safety.far_outside`) begins at half the width: a single value
+    costs it the feedforward. Here many values only bring a warning, so that it may come sooner, as
+    it has to: ±3 m/s read in knots reach ±5.8, which is not beyond half the width.
     """
-    found = []
+    ranged, constant = [], []
     for each, channel in zip(values.reshape(-1, len(channels)).T, channels, strict=True):
-        margin = _BEYOND * (channel.max - channel.min)
-        far = (each < channel.min - margin) | (each > channel.max + margin)
-        if far.any() and far.mean() > _SHARE:
-            found.append(
-                f"{channel.name} is {np.nanmin(each):.3g} to {np.nanmax(each):.3g}, in training it"
-                f" was {channel.min:.3g} to {channel.max:.3g} {channel.unit}"
+        least, most = channel.min, channel.max
+        margin = max(_BEYOND * (most - least), _ALIKE * max(abs(least), abs(most)))
+        far = (each < least - margin) | (each > most + margin)
+        if not far.any() or far.mean() <= _SHARE:
+            continue
+        here = f"{np.nanmin(each):.4g} to {np.nanmax(each):.4g}"
+        if most > least:
+            ranged.append(
+                f"{channel.name} is {here}, in training it was {least:.4g} to {most:.4g}"
+                f" {channel.unit}"
             )
-    if not found:
-        return None
-    return f"{'; '.join(found)}: check the unit. Forces for what was never learned may be far off."
+        else:
+            constant.append(
+                f"{channel.name} never changed in training ({least:.4g} {channel.unit}), and is"
+                f" {here} here"
+            )
+    told = [f"{'; '.join(ranged)}: check the unit."] if ranged else []
+    if constant:
+        told.append(f"{'; '.join(constant)}: its effect was not learned; check the unit too.")
+    return f"{' '.join(told)} Forces for what was never learned may be far off." if told else None
