@@ -214,6 +214,25 @@ def test_a_force_in_few_rows_of_a_table_lies_on_lines_between_them(here: Path) -
     assert np.sqrt(np.mean(errors_n(made) ** 2)) < 0.03
 
 
+@pytest.mark.parametrize("way", ["interpolate", "average"])
+def test_no_force_is_drawn_beyond_its_last_number(here: Path, way: str) -> None:
+    """Numbers at 4 Hz from 10 s to 50 s of 100 s: no line leads on from the last one."""
+    t = np.arange(2000) / 20
+    has_number = (np.arange(2000) % 5 == 0) & (t >= 10.0) & (t <= 50.0)
+    f = np.where(has_number, np.sin(0.6 * np.pi * t), np.nan)
+    np.savez("table.npz", t=t, v=np.sin(t), f=f)
+    text = (SLOW % f'missing = "hold"\nresample = "{way}"').replace('time = "slow_t"', "")
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("table.npz", "columns.toml")
+    found = np.concatenate([episode.force[:, 0] for episode in made.episodes])
+    assert abs(len(found) / 20 - 40.0) < 0.2
+    assert np.abs(found - np.sin(0.6 * np.pi * (10.0 + np.arange(len(found)) / 20))).max() < 0.2
+    assert np.abs(np.diff(found)).max() < 0.15
+    (note,) = made.provenance["notes"]
+    assert note.endswith("1839 samples have no number; the others alone are taken, and 60 s before"
+                         " the first and after the last are left out")  # fmt: skip
+
+
 def test_a_force_that_is_faster_than_the_rate_is_its_mean_over_each_tick(here: Path) -> None:
     t, fast_t = np.arange(2000) / 20, np.arange(100_000) / 1000
     f = np.sin(fast_t) + np.sin(2 * np.pi * 90.7 * fast_t)  # the hum folds to 9.3 Hz
@@ -333,6 +352,15 @@ def test_a_force_that_never_changes_is_refused(here: Path) -> None:
     sentence = r"columns\.air_k: the force 'temperature' is 293\.15"
     with pytest.raises(wd.UnusableInput, match=sentence):
         wd.import_table("run0.csv", "columns.toml")
+
+
+def test_a_force_that_never_changes_in_what_is_held_out_is_said(here: Path) -> None:
+    lines = Path("run3.csv").read_text().splitlines()
+    still = [f"{line.rpartition(',')[0]},2.5" for line in lines[1:]]
+    Path("run3.csv").write_text("\n".join([lines[0], *still]))
+    (note,) = wd.import_table(list(FOUR), "columns.toml").provenance["notes"]
+    assert note.startswith("column 'f': the force drag is 0.0245166 in all recordings for test")
+    assert note.endswith("give recordings in which it changes, or name others in training.test")
 
 
 def test_what_missing_numbers_leave_out_is_said_in_seconds(here: Path) -> None:

@@ -57,24 +57,43 @@ def _source(column: Column) -> tuple[object, ...]:
 
 
 def on_constants(pieces: Pieces, columns: Columns) -> Iterator[str]:
-    """Remarks on observations that never change in training; UnusableInput for such a force."""
-    learned = [piece for split, _, piece in pieces if split == "train"]
+    """Remarks on what never changes in a split; UnusableInput for such a force in training."""
     for name, column in columns.with_role("observation", "force").items():
-        with np.errstate(over="ignore"):  # what overflows is refused with its recording
-            values = np.concatenate([piece.columns[name] for piece in learned]).astype(np.float32)
-        if np.ptp(values) > 0.0:
-            continue
-        if "force" in column.roles:
+        value = _constant(pieces, "train", name)
+        if value is not None and "force" in column.roles:
             raise UnusableInput(
-                f"{columns.file}: columns.{name}: the force {column.address!r} is"
-                f" {values[0]:.6g} in all recordings for training, which is nothing to learn; give"
-                " recordings in which it changes, or another column."
+                f"{columns.file}: columns.{name}: the force {column.address!r} is {value:.6g} in"
+                " all recordings for training, which is nothing to learn; give recordings in which"
+                " it changes, or another column."
             )
-        yield (
-            f"column {column.address!r}: the observation {name} is {values[0]:.6g} in all"
-            " recordings for training, and no predictor knows what another value means; leave it"
-            " out"
-        )
+        if value is not None:
+            yield (
+                f"column {column.address!r}: the observation {name} is {value:.6g} in all"
+                " recordings for training, and no predictor knows what another value means; leave"
+                " it out"
+            )
+        if "force" in column.roles:
+            yield from _on_still_scores(pieces, name, column)
+
+
+def _on_still_scores(pieces: Pieces, name: str, column: Column) -> Iterator[str]:
+    for split in ("validation", "test"):
+        value = _constant(pieces, split, name)
+        if value is not None:
+            yield (
+                f"column {column.address!r}: the force {name} is {value:.6g} in all recordings for"
+                f" {split}, where scores then tell nothing of it; give recordings in which it"
+                f" changes, or name others in training.{split}"
+            )
+
+
+def _constant(pieces: Pieces, split: str, name: str) -> float | None:
+    """The only value of a column in a split, as a set keeps it; None where there are several."""
+    with np.errstate(over="ignore"):  # what overflows is refused with its recording
+        values = np.concatenate(
+            [piece.columns[name] for has, _, piece in pieces if has == split]
+        ).astype(np.float32)
+    return float(values[0]) if np.ptp(values) == 0.0 else None
 
 
 def on_filter(columns: Columns) -> Iterator[str]:

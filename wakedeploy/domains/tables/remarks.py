@@ -26,6 +26,8 @@ class _Tally:
     column: Series
     rows: int = 0
     blank: int = 0
+    lasts_s: float = 0.0
+    outer_s: float = 0.0  # of that, before the first number and after the last
     ticks: int = 0
     fresh: int = 0
     silent_s: float = 0.0
@@ -47,6 +49,9 @@ class Remarks:
         tally = self._of(column)
         tally.rows += len(column.values)
         tally.blank += int(np.isnan(column.values).sum())
+        stamps_s, (of_numbers_s, _) = column.times.stamps_s, column.with_numbers()
+        tally.lasts_s += float(stamps_s[-1] - stamps_s[0])
+        tally.outer_s += float(of_numbers_s[0] - stamps_s[0] + stamps_s[-1] - of_numbers_s[-1])
         tally.turns += turned.places
         tally.odd_jumps += turned.doubtful
 
@@ -104,7 +109,12 @@ def _on_blanks(tally: _Tally) -> str:
         there = tally.rows - tally.blank
         return f"{there} of {tally.rows} samples have a number; the others are not measured"
     if column.wanted.column.resample is not None:
-        return f"{tally.blank} samples have no number; the others alone are taken"
+        left_out = (
+            f", and {tally.outer_s:.3g} s before the first and after the last are left out"
+            if tally.outer_s > _FEW * tally.lasts_s
+            else ""
+        )
+        return f"{tally.blank} samples have no number; the others alone are taken{left_out}"
     counts = ", and counts as measured" if _is_output(column) else ""
     return f"{tally.blank} samples have no number; the last one is held{counts}"
 
