@@ -233,6 +233,32 @@ def test_no_force_is_drawn_beyond_its_last_number(here: Path, way: str) -> None:
                          " the first and after the last are left out")  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("way", "sentence"),
+    [
+        ('resample = "interpolate"', "a straight line is drawn over it"),
+        ('resample = "average"', "a straight line is drawn over it"),
+        ("", "the last sample is held"),
+    ],
+)
+@pytest.mark.parametrize("one_table", [True, False])
+def test_what_fills_a_silence_is_said(here: Path, way: str, sentence: str, one_table: bool) -> None:
+    """No number after 20 s and before 25 s, in rows of its own and between the rows of others."""
+    t = np.arange(2000) / 20
+    is_there = (np.arange(2000) % 5 == 0) & ((t <= 20.0) | (t >= 25.0))
+    f = np.sin(0.6 * np.pi * t)
+    text = SLOW % way + "[split]\ngap_s = 10\n"
+    if one_table:
+        np.savez("slow.npz", t=t, v=np.sin(t), f=np.where(is_there, f, np.nan))
+        text = text.replace('time = "slow_t"', 'missing = "hold"')
+    else:
+        np.savez("slow.npz", t=t, v=np.sin(t), f=f[is_there], slow_t=t[is_there])
+    Path("columns.toml").write_text(text, "utf-8")
+    (note,) = [n for n in wd.import_table("slow.npz", "columns.toml").provenance["notes"]
+               if "silent" in str(n)]  # fmt: skip
+    assert f"silent for 5 s and less; {sentence}" in str(note)
+
+
 def test_a_force_that_is_faster_than_the_rate_is_its_mean_over_each_tick(here: Path) -> None:
     t, fast_t = np.arange(2000) / 20, np.arange(100_000) / 1000
     f = np.sin(fast_t) + np.sin(2 * np.pi * 90.7 * fast_t)  # the hum folds to 9.3 Hz
