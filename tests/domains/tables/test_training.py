@@ -332,6 +332,30 @@ def test_a_force_that_is_seen_needs_a_lead(here: Path, text: str) -> None:
                for note in made.provenance["notes"]) == 1  # fmt: skip
 
 
+def test_one_column_under_two_addresses_is_seen(here: Path) -> None:
+    text = COLUMNS + '[columns.seen]\ncolumn = "#3"\nrole = "observation"\nunit = "mN"\n'
+    Path("columns.toml").write_text(text, "utf-8")
+    with pytest.raises(wd.UnusableInput, match=r"^columns\.toml: columns\.drag: '#3' and 'f' hold"
+                       r" the same numbers, and a predictor would copy them; delete"):  # fmt: skip
+        wd.import_table("run0.csv", "columns.toml")
+    Path("columns.toml").write_text(text.replace("[training]", "[training]\nlead_s = 0.1"), "utf-8")
+    (note,) = wd.import_table("run0.csv", "columns.toml").provenance["notes"]
+    assert "columns '#3' and 'f' hold the same numbers: only with a lead" in str(note)
+
+
+@pytest.mark.parametrize(("lead_s", "share"), [(0.05, 80), (0.1, 60), (0.075, 60), (0.25, 0)])
+def test_how_many_labels_are_what_is_seen_is_said(here: Path, lead_s: float, share: int) -> None:
+    """A column at 4 Hz, held at 20 Hz, is what it was a tick ago at four of five ticks."""
+    slow_force()
+    text = (SLOW % "").replace('role = "force"', 'role = ["force", "observation"]')
+    text = text.replace("[training]", f"[training]\nlead_s = {lead_s}")
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("slow.npz", "columns.toml")
+    (note,) = [str(n) for n in made.provenance["notes"] if "only with a lead" in str(n)]
+    told = f"with this one {share} % of the labels are what is seen"
+    assert (told in note) if share else note.endswith("never train with a shorter one")
+
+
 def test_the_lead_of_a_set_is_what_training_asks_for(here: Path) -> None:
     trainer = pytest.importorskip("trainers.training.trainer")
     without = wd.import_table("run0.csv", "columns.toml")

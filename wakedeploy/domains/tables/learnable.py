@@ -4,15 +4,22 @@ In: `Columns`, and pieces of recordings with their splits. Out: remarks; Unusabl
 could not be learnt from.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.units import conversion
 from wakedeploy.domains.tables.columns import Column, Columns, Role
 from wakedeploy.domains.tables.reading import Reading
 from wakedeploy.domains.tables.splits import Pieces
+
+Vector = NDArray[np.float64]
+
+_FEW = 0.005  # the share of labels from which on it is said
+_NEAR = 1e-9  # of the largest number, by which a conversion of units may move it
 
 
 def require_roles(columns: Columns) -> None:
@@ -32,28 +39,65 @@ def require_roles(columns: Columns) -> None:
             )
 
 
-def on_copies(columns: Columns) -> Iterator[str]:
+def on_copies(
+    pieces: Pieces, columns: Columns, units: Mapping[str, str], rate_hz: float
+) -> Iterator[str]:
     """Remarks on forces that are seen as well; UnusableInput where they are seen in time."""
     seen, forces = columns.with_role("observation"), columns.with_role("force")
     for (name, column), (force, label) in product(seen.items(), forces.items()):
-        if _source(column) != _source(label):
+        pairs = [
+            (_in_log(part.columns[name], column, units[name]),
+             _in_log(part.columns[force], label, units[force]))
+            for _, _, part in pieces
+        ]  # fmt: skip
+        is_one = _source(column) == _source(label)
+        if not is_one and _share_alike(pairs, 0.0) < 1.0:
             continue
         ahead_s = columns.training.lead_s + column.shift_s - label.shift_s
-        twice = f"{column.address!r} is observation and force"
+        both = f"{column.address!r} and {label.address!r} hold the same numbers"
+        twice = f"{column.address!r} is observation and force" if is_one else both
         if ahead_s <= 0.0:
             raise UnusableInput(
-                f"{columns.file}: columns.{force}: {twice}, and a predictor would copy it; delete"
-                f" the role observation of columns.{name}, or give [training] lead_s to forecast"
-                " it."
+                f"{columns.file}: columns.{force}: {twice}, and a predictor would copy"
+                f" {'it' if is_one else 'them'}; delete the role observation of columns.{name}, or"
+                " give [training] lead_s to forecast it."
             )
+        share = _share_alike(pairs, columns.training.lead_s * rate_hz)
         yield (
-            f"column {twice}: only with a lead is there anything to learn, so never train with a"
-            " shorter one"
+            f"column{'' if is_one else 's'} {twice}: only with a lead is there anything to learn,"
+            f" so never train with a shorter one{_on_share(share)}"
         )
 
 
 def _source(column: Column) -> tuple[object, ...]:
     return (column.file, column.addresses, column.angle)
+
+
+def _on_share(share: float) -> str:
+    if share < _FEW:
+        return ""
+    return (
+        f"; with this one {100.0 * share:.0f} % of the labels are what is seen, so give a lead_s no"
+        " shorter than the column's own step"
+    )
+
+
+def _in_log(values: Vector, column: Column, unit: str) -> Vector:
+    """A column's values (n,) as the numbers that its log has."""
+    with np.errstate(all="ignore"):  # a scale of 0 leaves no number
+        return (values / float(conversion(column.unit, unit)) - column.offset) / column.scale
+
+
+def _share_alike(pairs: Sequence[tuple[Vector, Vector]], lead: float) -> float:
+    """The share of values that their pair has `lead` samples later; between two, at both."""
+    few, many = int(np.floor(lead + _NEAR)), int(np.ceil(lead - _NEAR))
+    alike = []
+    for seen, label in pairs:
+        count = max(len(seen) - many, 0)
+        off_by = [np.abs(label[ahead:][:count] - seen[:count]) for ahead in (few, many)]
+        alike.append(np.maximum(*off_by) <= _NEAR * np.abs(seen).max())
+    together = np.concatenate(alike)
+    return float(together.mean()) if len(together) else 0.0
 
 
 def on_constants(pieces: Pieces, columns: Columns) -> Iterator[str]:
