@@ -125,11 +125,33 @@ def test_a_day_is_held_out_by_its_folder(here: Path) -> None:
         ('validation = ["RUN0*"]', r"training\.validation: 'RUN0\*' matches no log"),
         ('validation = ["run*3"]\ntest = ["run3*"]', r"run3\.csv is in validation and in test"),
         ('test = ["run*"]', r"match all 4 logs, and none is left for training"),
+        ('held_out = "files"\ntest = ["run[012]"]',
+         r'^run3\.csv: held_out = "files" needs at least 2 logs that training\.test does not name,'
+         r" and there is 1; give more, or held_out"),
+        ('held_out = "files"\ntest = ["run[123]"]\nvalidation = ["run0"]',
+         r"match all 4 logs, and none is left for training"),
     ],
 )  # fmt: skip
 def test_a_pattern_that_cannot_be_meant_is_refused(here: Path, lists: str, sentence: str) -> None:
     with pytest.raises(wd.UnusableInput, match=sentence):
         split_by(here, lists, *FOUR)
+
+
+def test_the_only_log_is_not_held_out(here: Path) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"test match the only log, and none is left for"):
+        split_by(here, 'test = ["run0"]', "run0.csv")
+    with pytest.raises(wd.UnusableInput, match=r'^run0\.csv: held_out = "files" needs at least 3'
+                       r" logs, and there is 1; give more"):  # fmt: skip
+        split_by(here, 'held_out = "files"', "run0.csv")
+
+
+@pytest.mark.parametrize("pattern", ["run[1].csv", "run[1]", "./d/run[1].csv", "d/run[1]", "./d/*"])
+def test_a_name_with_brackets_and_a_path_from_here_name_their_log(here: Path, pattern: str) -> None:
+    """As a pattern alone, `run[1]` is run1 and no other."""
+    Path("d").mkdir()
+    Path("run0.csv").rename("d/run[1].csv")
+    found = split_by(here, f'test = ["{pattern}"]', "d/run[1].csv", "run1.csv", "run2.csv")
+    assert [name for name, split in found.items() if split == "test"] == ["run-1"]
 
 
 def test_the_recording_that_is_shorter_than_the_window_is_named(here: Path) -> None:
