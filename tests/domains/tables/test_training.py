@@ -501,7 +501,12 @@ def test_no_set_is_written_between_the_logs(here: Path) -> None:
     for out in ("day", str(here / "day"), "day/../day"):
         told = wakedeploy(*words, "day/run0.csv", "--out", out, status=2)
         assert f"{out}: holds the log day/run0.csv; give --out a folder of its own" in told
-    assert "holds the log day" in wakedeploy(*words, "day", "--out", "day/set", status=2)
+    for out in ("day/set", "day/deep/set"):
+        told = wakedeploy(*words, "day", "--out", out, status=2)
+        assert f"{out}: lies in the log day, which is a folder; give --out a folder" in told
+    assert "day: is the log day itself; give --out" in wakedeploy(
+        *words, "day", "--out", "day", status=2
+    )
     assert sorted(path.name for path in Path("day").iterdir()) == before
     wakedeploy(*words, "day/run0.csv", "--out", "day/set")
 
