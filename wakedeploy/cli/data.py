@@ -243,11 +243,18 @@ def _require_apart(out: Path, files: tuple[Path, ...]) -> None:
     """UnusableInput where a set would be written between the logs, or into one that is a folder."""
     for file in files:
         log = file.resolve()
-        if out.resolve() in (log, log.parent) or log in out.resolve().parents:
-            raise UnusableInput(
-                f"{out}: holds the log {file}; give --out a folder of its own, so that the set does"
-                " not lie between logs."
-            )
+        if out.resolve() == log:
+            where = f"is the log {file} itself"
+        elif out.resolve() == log.parent:
+            where = f"holds the log {file}"
+        elif log in out.resolve().parents:
+            where = f"lies in the log {file}, which is a folder"
+        else:
+            continue
+        raise UnusableInput(
+            f"{out}: {where}; give --out a folder of its own, so that the set does not lie between"
+            " logs."
+        )
 
 
 def _guess(log: Path, columns_path: Path) -> None:

@@ -125,11 +125,33 @@ def test_a_day_is_held_out_by_its_folder(here: Path) -> None:
         ('validation = ["RUN0*"]', r"training\.validation: 'RUN0\*' matches no log"),
         ('validation = ["run*3"]\ntest = ["run3*"]', r"run3\.csv is in validation and in test"),
         ('test = ["run*"]', r"match all 4 logs, and none is left for training"),
+        ('held_out = "files"\ntest = ["run[012]"]',
+         r'^run3\.csv: held_out = "files" needs at least 2 logs that training\.test does not name,'
+         r" and there is 1; give more, or held_out"),
+        ('held_out = "files"\ntest = ["run[123]"]\nvalidation = ["run0"]',
+         r"match all 4 logs, and none is left for training"),
     ],
 )  # fmt: skip
 def test_a_pattern_that_cannot_be_meant_is_refused(here: Path, lists: str, sentence: str) -> None:
     with pytest.raises(wd.UnusableInput, match=sentence):
         split_by(here, lists, *FOUR)
+
+
+def test_the_only_log_is_not_held_out(here: Path) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"test match the only log, and none is left for"):
+        split_by(here, 'test = ["run0"]', "run0.csv")
+    with pytest.raises(wd.UnusableInput, match=r'^run0\.csv: held_out = "files" needs at least 3'
+                       r" logs, and there is 1; give more"):  # fmt: skip
+        split_by(here, 'held_out = "files"', "run0.csv")
+
+
+@pytest.mark.parametrize("pattern", ["run[1].csv", "run[1]", "./d/run[1].csv", "d/run[1]", "./d/*"])
+def test_a_name_with_brackets_and_a_path_from_here_name_their_log(here: Path, pattern: str) -> None:
+    """As a pattern alone, `run[1]` is run1 and no other."""
+    Path("d").mkdir()
+    Path("run0.csv").rename("d/run[1].csv")
+    found = split_by(here, f'test = ["{pattern}"]', "d/run[1].csv", "run1.csv", "run2.csv")
+    assert [name for name, split in found.items() if split == "test"] == ["run-1"]
 
 
 def test_the_recording_that_is_shorter_than_the_window_is_named(here: Path) -> None:
@@ -214,6 +236,51 @@ def test_a_force_in_few_rows_of_a_table_lies_on_lines_between_them(here: Path) -
     assert np.sqrt(np.mean(errors_n(made) ** 2)) < 0.03
 
 
+@pytest.mark.parametrize("way", ["interpolate", "average"])
+def test_no_force_is_drawn_beyond_its_last_number(here: Path, way: str) -> None:
+    """Numbers at 4 Hz from 10 s to 50 s of 100 s: no line leads on from the last one."""
+    t = np.arange(2000) / 20
+    has_number = (np.arange(2000) % 5 == 0) & (t >= 10.0) & (t <= 50.0)
+    f = np.where(has_number, np.sin(0.6 * np.pi * t), np.nan)
+    np.savez("table.npz", t=t, v=np.sin(t), f=f)
+    text = (SLOW % f'missing = "hold"\nresample = "{way}"').replace('time = "slow_t"', "")
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("table.npz", "columns.toml")
+    found = np.concatenate([episode.force[:, 0] for episode in made.episodes])
+    assert abs(len(found) / 20 - 40.0) < 0.2
+    assert np.abs(found - np.sin(0.6 * np.pi * (10.0 + np.arange(len(found)) / 20))).max() < 0.2
+    assert np.abs(np.diff(found)).max() < 0.15
+    (note,) = made.provenance["notes"]
+    assert note.endswith("1839 samples have no number; the others alone are taken, and 60 s before"
+                         " the first and after the last are left out")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("way", "sentence"),
+    [
+        ('resample = "interpolate"', "a straight line is drawn over it"),
+        ('resample = "average"', "a straight line is drawn over it"),
+        ("", "the last sample is held"),
+    ],
+)
+@pytest.mark.parametrize("one_table", [True, False])
+def test_what_fills_a_silence_is_said(here: Path, way: str, sentence: str, one_table: bool) -> None:
+    """No number after 20 s and before 25 s, in rows of its own and between the rows of others."""
+    t = np.arange(2000) / 20
+    is_there = (np.arange(2000) % 5 == 0) & ((t <= 20.0) | (t >= 25.0))
+    f = np.sin(0.6 * np.pi * t)
+    text = SLOW % way + "[split]\ngap_s = 10\n"
+    if one_table:
+        np.savez("slow.npz", t=t, v=np.sin(t), f=np.where(is_there, f, np.nan))
+        text = text.replace('time = "slow_t"', 'missing = "hold"')
+    else:
+        np.savez("slow.npz", t=t, v=np.sin(t), f=f[is_there], slow_t=t[is_there])
+    Path("columns.toml").write_text(text, "utf-8")
+    (note,) = [n for n in wd.import_table("slow.npz", "columns.toml").provenance["notes"]
+               if "silent" in str(n)]  # fmt: skip
+    assert f"silent for 5 s and less; {sentence}" in str(note)
+
+
 def test_a_force_that_is_faster_than_the_rate_is_its_mean_over_each_tick(here: Path) -> None:
     t, fast_t = np.arange(2000) / 20, np.arange(100_000) / 1000
     f = np.sin(fast_t) + np.sin(2 * np.pi * 90.7 * fast_t)  # the hum folds to 9.3 Hz
@@ -287,6 +354,30 @@ def test_a_force_that_is_seen_needs_a_lead(here: Path, text: str) -> None:
                for note in made.provenance["notes"]) == 1  # fmt: skip
 
 
+def test_one_column_under_two_addresses_is_seen(here: Path) -> None:
+    text = COLUMNS + '[columns.seen]\ncolumn = "#3"\nrole = "observation"\nunit = "mN"\n'
+    Path("columns.toml").write_text(text, "utf-8")
+    with pytest.raises(wd.UnusableInput, match=r"^columns\.toml: columns\.drag: '#3' and 'f' hold"
+                       r" the same numbers, and a predictor would copy them; delete"):  # fmt: skip
+        wd.import_table("run0.csv", "columns.toml")
+    Path("columns.toml").write_text(text.replace("[training]", "[training]\nlead_s = 0.1"), "utf-8")
+    (note,) = wd.import_table("run0.csv", "columns.toml").provenance["notes"]
+    assert "columns '#3' and 'f' hold the same numbers: only with a lead" in str(note)
+
+
+@pytest.mark.parametrize(("lead_s", "share"), [(0.05, 80), (0.1, 60), (0.075, 60), (0.25, 0)])
+def test_how_many_labels_are_what_is_seen_is_said(here: Path, lead_s: float, share: int) -> None:
+    """A column at 4 Hz, held at 20 Hz, is what it was a tick ago at four of five ticks."""
+    slow_force()
+    text = (SLOW % "").replace('role = "force"', 'role = ["force", "observation"]')
+    text = text.replace("[training]", f"[training]\nlead_s = {lead_s}")
+    Path("columns.toml").write_text(text, "utf-8")
+    made = wd.import_table("slow.npz", "columns.toml")
+    (note,) = [str(n) for n in made.provenance["notes"] if "only with a lead" in str(n)]
+    told = f"with this one {share} % of the labels are what is seen"
+    assert (told in note) if share else note.endswith("never train with a shorter one")
+
+
 def test_the_lead_of_a_set_is_what_training_asks_for(here: Path) -> None:
     trainer = pytest.importorskip("trainers.training.trainer")
     without = wd.import_table("run0.csv", "columns.toml")
@@ -333,6 +424,15 @@ def test_a_force_that_never_changes_is_refused(here: Path) -> None:
     sentence = r"columns\.air_k: the force 'temperature' is 293\.15"
     with pytest.raises(wd.UnusableInput, match=sentence):
         wd.import_table("run0.csv", "columns.toml")
+
+
+def test_a_force_that_never_changes_in_what_is_held_out_is_said(here: Path) -> None:
+    lines = Path("run3.csv").read_text().splitlines()
+    still = [f"{line.rpartition(',')[0]},2.5" for line in lines[1:]]
+    Path("run3.csv").write_text("\n".join([lines[0], *still]))
+    (note,) = wd.import_table(list(FOUR), "columns.toml").provenance["notes"]
+    assert note.startswith("column 'f': the force drag is 0.0245166 in all recordings for test")
+    assert note.endswith("give recordings in which it changes, or name others in training.test")
 
 
 def test_what_missing_numbers_leave_out_is_said_in_seconds(here: Path) -> None:
@@ -401,7 +501,12 @@ def test_no_set_is_written_between_the_logs(here: Path) -> None:
     for out in ("day", str(here / "day"), "day/../day"):
         told = wakedeploy(*words, "day/run0.csv", "--out", out, status=2)
         assert f"{out}: holds the log day/run0.csv; give --out a folder of its own" in told
-    assert "holds the log day" in wakedeploy(*words, "day", "--out", "day/set", status=2)
+    for out in ("day/set", "day/deep/set"):
+        told = wakedeploy(*words, "day", "--out", out, status=2)
+        assert f"{out}: lies in the log day, which is a folder; give --out a folder" in told
+    assert "day: is the log day itself; give --out" in wakedeploy(
+        *words, "day", "--out", "day", status=2
+    )
     assert sorted(path.name for path in Path("day").iterdir()) == before
     wakedeploy(*words, "day/run0.csv", "--out", "day/set")
 

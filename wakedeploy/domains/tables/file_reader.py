@@ -325,7 +325,8 @@ class FileReader:
                 advice += f", or event = true in [columns.{column.wanted.name}]"
             raise column.place.refused(reason, advice)
         stretches = covered(stamps_s, is_good, gap_s)
-        if missing == "hold" and stretches and gap_s is None:  # up to the last row
+        ends_with_numbers = gap_s is not None or column.wanted.column.resample is not None
+        if missing == "hold" and stretches and not ends_with_numbers:  # up to the last row
             stretches[-1] = (stretches[-1][0], float(column.times.stamps_s[-1]))
         return stretches
 

@@ -4,15 +4,22 @@ In: `Columns`, and pieces of recordings with their splits. Out: remarks; Unusabl
 could not be learnt from.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.units import conversion
 from wakedeploy.domains.tables.columns import Column, Columns, Role
 from wakedeploy.domains.tables.reading import Reading
 from wakedeploy.domains.tables.splits import Pieces
+
+Vector = NDArray[np.float64]
+
+_FEW = 0.005  # the share of labels from which on it is said
+_NEAR = 1e-9  # of the largest number, by which a conversion of units may move it
 
 
 def require_roles(columns: Columns) -> None:
@@ -32,23 +39,33 @@ def require_roles(columns: Columns) -> None:
             )
 
 
-def on_copies(columns: Columns) -> Iterator[str]:
+def on_copies(
+    pieces: Pieces, columns: Columns, units: Mapping[str, str], rate_hz: float
+) -> Iterator[str]:
     """Remarks on forces that are seen as well; UnusableInput where they are seen in time."""
     seen, forces = columns.with_role("observation"), columns.with_role("force")
     for (name, column), (force, label) in product(seen.items(), forces.items()):
-        if _source(column) != _source(label):
+        pairs = [
+            (_in_log(part.columns[name], column, units[name]),
+             _in_log(part.columns[force], label, units[force]))
+            for _, _, part in pieces
+        ]  # fmt: skip
+        is_one = _source(column) == _source(label)
+        if not is_one and _share_alike(pairs, 0.0) < 1.0:
             continue
         ahead_s = columns.training.lead_s + column.shift_s - label.shift_s
-        twice = f"{column.address!r} is observation and force"
+        both = f"{column.address!r} and {label.address!r} hold the same numbers"
+        twice = f"{column.address!r} is observation and force" if is_one else both
         if ahead_s <= 0.0:
             raise UnusableInput(
-                f"{columns.file}: columns.{force}: {twice}, and a predictor would copy it; delete"
-                f" the role observation of columns.{name}, or give [training] lead_s to forecast"
-                " it."
+                f"{columns.file}: columns.{force}: {twice}, and a predictor would copy"
+                f" {'it' if is_one else 'them'}; delete the role observation of columns.{name}, or"
+                " give [training] lead_s to forecast it."
             )
+        share = _share_alike(pairs, columns.training.lead_s * rate_hz)
         yield (
-            f"column {twice}: only with a lead is there anything to learn, so never train with a"
-            " shorter one"
+            f"column{'' if is_one else 's'} {twice}: only with a lead is there anything to learn,"
+            f" so never train with a shorter one{_on_share(share)}"
         )
 
 
@@ -56,25 +73,71 @@ def _source(column: Column) -> tuple[object, ...]:
     return (column.file, column.addresses, column.angle)
 
 
+def _on_share(share: float) -> str:
+    if share < _FEW:
+        return ""
+    return (
+        f"; with this one {100.0 * share:.0f} % of the labels are what is seen, so give a lead_s no"
+        " shorter than the column's own step"
+    )
+
+
+def _in_log(values: Vector, column: Column, unit: str) -> Vector:
+    """A column's values (n,) as the numbers that its log has."""
+    with np.errstate(all="ignore"):  # a scale of 0 leaves no number
+        return (values / float(conversion(column.unit, unit)) - column.offset) / column.scale
+
+
+def _share_alike(pairs: Sequence[tuple[Vector, Vector]], lead: float) -> float:
+    """The share of values that their pair has `lead` samples later; between two, at both."""
+    few, many = int(np.floor(lead + _NEAR)), int(np.ceil(lead - _NEAR))
+    alike = []
+    for seen, label in pairs:
+        count = max(len(seen) - many, 0)
+        off_by = [np.abs(label[ahead:][:count] - seen[:count]) for ahead in (few, many)]
+        alike.append(np.maximum(*off_by) <= _NEAR * np.abs(seen).max())
+    together = np.concatenate(alike)
+    return float(together.mean()) if len(together) else 0.0
+
+
 def on_constants(pieces: Pieces, columns: Columns) -> Iterator[str]:
-    """Remarks on observations that never change in training; UnusableInput for such a force."""
-    learned = [piece for split, _, piece in pieces if split == "train"]
+    """Remarks on what never changes in a split; UnusableInput for such a force in training."""
     for name, column in columns.with_role("observation", "force").items():
-        with np.errstate(over="ignore"):  # what overflows is refused with its recording
-            values = np.concatenate([piece.columns[name] for piece in learned]).astype(np.float32)
-        if np.ptp(values) > 0.0:
-            continue
-        if "force" in column.roles:
+        value = _constant(pieces, "train", name)
+        if value is not None and "force" in column.roles:
             raise UnusableInput(
-                f"{columns.file}: columns.{name}: the force {column.address!r} is"
-                f" {values[0]:.6g} in all recordings for training, which is nothing to learn; give"
-                " recordings in which it changes, or another column."
+                f"{columns.file}: columns.{name}: the force {column.address!r} is {value:.6g} in"
+                " all recordings for training, which is nothing to learn; give recordings in which"
+                " it changes, or another column."
             )
-        yield (
-            f"column {column.address!r}: the observation {name} is {values[0]:.6g} in all"
-            " recordings for training, and no predictor knows what another value means; leave it"
-            " out"
-        )
+        if value is not None:
+            yield (
+                f"column {column.address!r}: the observation {name} is {value:.6g} in all"
+                " recordings for training, and no predictor knows what another value means; leave"
+                " it out"
+            )
+        if "force" in column.roles:
+            yield from _on_still_scores(pieces, name, column)
+
+
+def _on_still_scores(pieces: Pieces, name: str, column: Column) -> Iterator[str]:
+    for split in ("validation", "test"):
+        value = _constant(pieces, split, name)
+        if value is not None:
+            yield (
+                f"column {column.address!r}: the force {name} is {value:.6g} in all recordings for"
+                f" {split}, where scores then tell nothing of it; give recordings in which it"
+                f" changes, or name others in training.{split}"
+            )
+
+
+def _constant(pieces: Pieces, split: str, name: str) -> float | None:
+    """The only value of a column in a split, as a set keeps it; None where there are several."""
+    with np.errstate(over="ignore"):  # what overflows is refused with its recording
+        values = np.concatenate(
+            [piece.columns[name] for has, _, piece in pieces if has == split]
+        ).astype(np.float32)
+    return float(values[0]) if np.ptp(values) == 0.0 else None
 
 
 def on_filter(columns: Columns) -> Iterator[str]:

@@ -17,6 +17,12 @@ Vector = NDArray[np.float64]
 
 _FEW = 0.005  # the share of ticks or samples from which on it is said
 _FASTER = 1.5  # samples a tick, from which on a column is one that is faster than the rate
+_FILLED_BY = {  # what stands at the ticks in a silence
+    "hold": "the last sample is held",
+    "low-pass": "the last sample is held, before the filter",
+    "interpolate": "a straight line is drawn over it",
+    "average": "a straight line is drawn over it",
+}
 
 
 @dataclass
@@ -26,6 +32,8 @@ class _Tally:
     column: Series
     rows: int = 0
     blank: int = 0
+    lasts_s: float = 0.0
+    outer_s: float = 0.0  # of that, before the first number and after the last
     ticks: int = 0
     fresh: int = 0
     silent_s: float = 0.0
@@ -47,6 +55,9 @@ class Remarks:
         tally = self._of(column)
         tally.rows += len(column.values)
         tally.blank += int(np.isnan(column.values).sum())
+        stamps_s, (of_numbers_s, _) = column.times.stamps_s, column.with_numbers()
+        tally.lasts_s += float(stamps_s[-1] - stamps_s[0])
+        tally.outer_s += float(of_numbers_s[0] - stamps_s[0] + stamps_s[-1] - of_numbers_s[-1])
         tally.turns += turned.places
         tally.odd_jumps += turned.doubtful
 
@@ -55,11 +66,10 @@ class Remarks:
         if column.is_event:
             return
         tally = self._of(column)
-        of_numbers_s, _ = column.with_numbers()
-        stamps_s = of_numbers_s if column.is_reading else column.times.stamps_s
+        stamps_s, _ = column.with_numbers()
         tally.ticks += len(ticks_s)
-        tally.fresh += int(refreshed(of_numbers_s, ticks_s).sum())
-        self._count_samples(tally, of_numbers_s, ticks_s)
+        tally.fresh += int(refreshed(stamps_s, ticks_s).sum())
+        self._count_samples(tally, stamps_s, ticks_s)
         newest, last = np.searchsorted(stamps_s, (ticks_s[0], ticks_s[-1]), side="right")
         inside_s = stamps_s[max(int(newest) - 1, 0) : int(last)]  # gaps between pieces tell nothing
         if stale(inside_s, ticks_s).any():
@@ -104,7 +114,12 @@ def _on_blanks(tally: _Tally) -> str:
         there = tally.rows - tally.blank
         return f"{there} of {tally.rows} samples have a number; the others are not measured"
     if column.wanted.column.resample is not None:
-        return f"{tally.blank} samples have no number; the others alone are taken"
+        left_out = (
+            f", and {tally.outer_s:.3g} s before the first and after the last are left out"
+            if tally.outer_s > _FEW * tally.lasts_s
+            else ""
+        )
+        return f"{tally.blank} samples have no number; the others alone are taken{left_out}"
     counts = ", and counts as measured" if _is_output(column) else ""
     return f"{tally.blank} samples have no number; the last one is held{counts}"
 
@@ -138,7 +153,7 @@ def _on_ticks(tally: _Tally) -> str:
     if tally.fresh < tally.ticks and _is_output(tally.column):
         held = "the last sample is held, and counts as measured at the others"
         return "; ".join(filter(None, (silent, told, held)))
-    return f"{silent}; the last sample is held" if silent else ""
+    return f"{silent}; {_FILLED_BY[tally.column.wanted.method or 'hold']}" if silent else ""
 
 
 def _on_repeats(tally: _Tally) -> str:

@@ -29,8 +29,6 @@ def split_pieces(recordings: ByFile, columns: Columns) -> Pieces:
     """
     named = _named(list(recordings), columns)
     drawn = [split for split in SPLITS if split not in named.values()]
-    if "train" not in drawn:  # only where both lists are given
-        drawn.insert(0, "train")
     rest = [path for path in recordings if path not in named]
     by_file = named | _drawn(rest, drawn, columns)
     found: Pieces = []
@@ -48,7 +46,7 @@ def _named(paths: Sequence[Path], columns: Columns) -> dict[Path, str]:
     found: dict[Path, str] = {}
     for split in ("validation", "test"):
         for pattern in getattr(columns.training, split):
-            matched = [path for path in paths if _matches(path, pattern)]
+            matched = _matched(paths, pattern)
             if not matched:
                 raise UnusableInput(
                     f"{columns.file}: training.{split}: {pattern!r} matches no log; there are"
@@ -62,23 +60,34 @@ def _named(paths: Sequence[Path], columns: Columns) -> dict[Path, str]:
                 )
             found |= dict.fromkeys(matched, split)
     if len(found) == len(paths):
+        every = "the only log" if len(paths) == 1 else f"all {len(paths)} logs"
         raise UnusableInput(
-            f"{columns.file}: training: validation and test match all {len(paths)} logs, and none"
-            " is left for training; name fewer, or give more logs."
+            f"{columns.file}: training: validation and test match {every}, and none is left for"
+            " training; name fewer, or give more logs."
         )
     return found
 
 
-def _matches(path: Path, pattern: str) -> bool:
-    """Whether a pattern names a log: its name, or with a slash its path from any folder on.
+def _matched(paths: Sequence[Path], pattern: str) -> list[Path]:
+    """The logs that a pattern names: those that are called so, or else those that it matches.
 
-    Either with the file's ending or without.
+    A log is called by its name, or with a slash by its path from any folder on; either with the
+    file's ending or without. `run[1].csv` may be a name, and as a pattern would not match it.
     """
+    wanted = pattern.removeprefix("./")
+    with_folder = "/" in pattern
+    names = {path: _names(path, with_folder=with_folder) for path in paths}
+    equal = [path for path in paths if wanted in names[path]]
+    return equal or [
+        path for path in paths if any(fnmatch.fnmatchcase(name, wanted) for name in names[path])
+    ]
+
+
+def _names(path: Path, *, with_folder: bool) -> list[str]:
     parts = path.as_posix().split("/")
-    starts = range(len(parts)) if "/" in pattern else (len(parts) - 1,)
+    starts = range(len(parts)) if with_folder else (len(parts) - 1,)
     tails = ["/".join(parts[start:]) for start in starts]
-    names = [*tails, *map(without_ending, tails)]
-    return any(fnmatch.fnmatchcase(name, pattern) for name in names)
+    return [*tails, *map(without_ending, tails)]
 
 
 def _listed(paths: Sequence[Path]) -> str:
@@ -95,15 +104,22 @@ def _drawn(paths: Sequence[Path], splits: Sequence[str], columns: Columns) -> di
     if held_out == "time" or (held_out is None and len(paths) < len(splits)):
         return {}
     if len(paths) < len(splits):
-        raise UnusableInput(
-            f'{paths[0]}: held_out = "files" needs at least {len(splits)} logs, and there are'
-            f' {len(paths)}; give more, or held_out = "time".'
-        )
+        raise _too_few(paths, splits, columns)
     if len(splits) == len(SPLITS):
         names = split_in_order([str(path) for path in paths])
         return {path: names[str(path)] for path in paths}
     held = max(1, round(_HELD_OUT * len(paths)))
     return {p: splits[i >= len(paths) - held] for i, p in enumerate(paths)}
+
+
+def _too_few(paths: Sequence[Path], splits: Sequence[str], columns: Columns) -> UnusableInput:
+    named = [f"training.{s}" for s in SPLITS if s not in splits]
+    rest = f" that {' and '.join(named)} does not name" if named else ""
+    there = "there is 1" if len(paths) == 1 else f"there are {len(paths)}"
+    return UnusableInput(
+        f'{paths[0]}: held_out = "files" needs at least {len(splits)} logs{rest}, and {there}; give'
+        ' more, or held_out = "time".'
+    )
 
 
 def _cut_by_time(

@@ -47,12 +47,12 @@ def import_set(
         UnusableInput: Names file, column, row and reason.
     """
     require_roles(columns)
-    copies = tuple(on_copies(columns))
     reading = read_recordings(paths, columns, progress=progress)
     rate_hz = _rate_hz(reading)
     found = split_pieces(reading.pieces, columns)
     pieces = long_enough(found, columns.training.window_s, rate_hz)
-    constants = on_constants(pieces, columns)
+    constants = tuple(on_constants(pieces, columns))
+    copies = on_copies(pieces, columns, reading.units, rate_hz)
     left_out = on_what_is_left_out(reading, found, pieces, columns)
     notes = (*reading.notes, *copies, *constants, *left_out, *on_filter(columns))
     return EpisodeSet(
