@@ -54,7 +54,10 @@ def _page_fields(run: TrainedRun, baselines: Mapping[str, Score]) -> dict[str, A
         "title": f"{config.arch}, seed {config.seed}, on {config.domain}",
         "subtitle": f"Finished {metrics.finished_utc[:16].replace('T', ' ')} UTC after "
         f"{metrics.seconds:.0f} s of training.",
-        "answers": [*chain(*(_answer(run, c) for c in config.force)), *_remarks(run)],
+        "answers": [
+            *chain(*((*_answer(run, c), *_beaten(run, c, baselines)) for c in config.force)),
+            *_remarks(run),
+        ],
         "tile_pairs": _tiles(run),
         "errors": _errors(run, baselines),
         "episodes": _episodes(run),
@@ -83,6 +86,18 @@ def _answer(run: TrainedRun, channel: Quantity) -> list[str]:
         f"Always naming the mean would be off by {spread:.3g} {channel.unit}, so that it explains "
         f"{100 * r2:.0f} % of the force's variance. Judged on episodes that took no part in "
         "training.",
+    ]
+
+
+def _beaten(run: TrainedRun, channel: Quantity, baselines: Mapping[str, Score]) -> list[str]:
+    """That a formula without a network errs less, where one does; the best of them."""
+    errors = {name: score.rmse[channel.name] for name, score in baselines.items()}
+    best = min(errors, key=errors.__getitem__, default="")
+    if not best or errors[best] >= run.metrics.test.rmse[channel.name]:
+        return []
+    return [
+        f"Something simpler does better: {best} errs by {errors[best]:.3g} {channel.unit}. Train "
+        "longer, on more episodes, or another architecture."
     ]
 
 

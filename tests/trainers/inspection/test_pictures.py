@@ -88,6 +88,13 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     assert "<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" in text
     linear = f"{beside['linear, window'].rmse['f_n']:.4g}"
     assert f"<td>linear, window</td><td>test</td><td>f_n</td><td>{linear}</td>" in text
+    for rmse, is_told in ((0.005, True), (0.007, False)):
+        rival = {"linear, one tick": dataclasses.replace(beside["zero"], rmse={"f_n": rmse})}
+        page = write_run_report(run, rival).read_text("utf-8")
+        told = html.unescape(re.sub(r"</?span>", "", page))
+        assert (
+            "Something simpler does better: linear, one tick errs by 0.005 N." in told
+        ) == is_told
     before = write_run_report(run, beside).stat().st_mtime_ns
     assert write_run_report(run, beside).stat().st_mtime_ns == before
 
