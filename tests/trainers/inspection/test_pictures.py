@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 from trainers.inspection import pictures
 from trainers.inspection.curves import draw_curves
 from trainers.inspection.pictures import draw_prediction, write_pictures
-from trainers.inspection.report import write_run_report
+from trainers.inspection.report import REPORT, write_run_report
 from trainers.training.baselines import baselines
 from trainers.training.fit import Fit, FitSettings
 from trainers.training.runs import BEST, METRICS, RidgeErrors, TrainedRun, load_run, new_predictor
@@ -90,6 +90,7 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     assert f"<td>linear, window</td><td>test</td><td>f_n</td><td>{linear}</td>" in text
     for rmse, is_told in ((0.005, True), (0.007, False)):
         rival = {"linear, one tick": dataclasses.replace(beside["zero"], rmse={"f_n": rmse})}
+        (run.folder / REPORT).unlink()
         page = write_run_report(run, rival).read_text("utf-8")
         told = html.unescape(re.sub(r"</?span>", "", page))
         assert (
