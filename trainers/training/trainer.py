@@ -43,7 +43,7 @@ from trainers.training.runs import (
 )
 from trainers.training.score import Score, score
 from trainers.training.tape import Tape, lay_tape
-from wakedeploy.core.episodes import FILTERED, LOW_PASSED, SPLITS, EpisodeSet
+from wakedeploy.core.episodes import FILTERED, SPLITS, EpisodeSet
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.files import remove_unfinished, sha256_of
 from wakedeploy.core.locks import one_at_a_time
@@ -175,10 +175,7 @@ def train(
         if fresh:
             _clear(folder)
         if (folder / CONFIG).exists():
-            there = read_config(folder)
-            _check_same(folder, there, config)
-            if there != config:  # runs from before filters were told in words now tell them
-                write_record(folder / CONFIG, config)
+            _check_same(folder, read_config(folder), config)
         if (folder / METRICS).exists():
             return load_run(folder)
         write_record(folder / CONFIG, config)
@@ -245,9 +242,7 @@ def _observed(data: EpisodeSet) -> tuple[ObservationChannel, ...]:
 
 def _filtered(data: EpisodeSet) -> dict[str, str]:
     """How observations of a set were filtered, by their names."""
-    stated = data.provenance.get(FILTERED)
-    if stated is None:
-        return _filtered_by_columns(data)
+    stated = data.provenance.get(FILTERED, {})
     if not isinstance(stated, dict) or not all(isinstance(text, str) for text in stated.values()):
         where = "the set" if data.folder is None else data.folder / "dataset.json"
         raise UnusableInput(
@@ -255,20 +250,6 @@ def _filtered(data: EpisodeSet) -> dict[str, str]:
             " set again."
         )
     return {name: str(text) for name, text in stated.items()}
-
-
-def _filtered_by_columns(data: EpisodeSet) -> dict[str, str]:
-    """The same of a set that was imported before filters were told in words."""
-    columns = data.provenance.get("columns")
-    how = columns.get("resample") if isinstance(columns, dict) else None
-    if not isinstance(how, dict) or how.get("method") != "low-pass":
-        return {}
-    rate_hz, cutoff_hz = how.get("rate_hz"), how.get("cutoff_hz")
-    if cutoff_hz is None and isinstance(rate_hz, int | float):
-        cutoff_hz = rate_hz / 4.0  # what `columns.toml` means without one
-    if not isinstance(cutoff_hz, int | float):
-        return {}
-    return {c.name: LOW_PASSED.format(cutoff_hz=cutoff_hz) for c in data.observation}
 
 
 def _columns(data: EpisodeSet) -> range:
@@ -304,8 +285,6 @@ def _check_same(folder: Path, there: RunConfig, wanted: RunConfig) -> None:
 def _flat(config: RunConfig) -> dict[str, Any]:
     values = config.model_dump()
     groups = values.pop("hyper") | values.pop("settings")
-    for channel in values["observation"]:
-        channel.pop("filtered", None)  # follows from the data, and older runs do not tell it
     return {**values, **groups}
 
 

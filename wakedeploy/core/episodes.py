@@ -32,7 +32,6 @@ DESCRIPTION = "dataset.json"
 SPLITS = ("train", "validation", "test")
 WINDOW_SNAPSHOTS = 30
 FILTERED = "filtered"  # in a set's provenance: how observations were filtered, in words, by name
-LOW_PASSED = "second-order Butterworth low-pass, {cutoff_hz:g} Hz"  # such words, of logs
 OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
 
 _EPISODE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")

@@ -161,39 +161,6 @@ def test_another_configuration_or_set_is_told_in_one_sentence(
         trained(make_echo(steps=200), tmp_path, "agile-mlp")
 
 
-def test_a_run_from_before_filters_were_told_is_gone_on_with_and_then_tells_them(
-    echo: EpisodeSet, tmp_path: Path
-) -> None:
-    first = trained(echo, tmp_path, "agile-mlp")
-    words = {channel.name: "low-pass, 5 Hz" for channel in echo.observation}
-    again = dataclasses.replace(echo, provenance={**echo.provenance, "filtered": words})
-    assert again.sha256 == echo.sha256
-    second = trained(again, tmp_path, "agile-mlp")
-    assert second.folder == first.folder
-    assert second.metrics.history == first.metrics.history
-    told = [channel.filtered for channel in load_run(first.folder).config.observation]
-    assert told == list(words.values())
-
-
-@pytest.mark.parametrize(
-    ("resample", "told"),
-    [
-        ({"rate_hz": 50.0, "method": "low-pass", "cutoff_hz": 5}, "Butterworth low-pass, 5 Hz"),
-        ({"rate_hz": 50.0, "method": "low-pass"}, "Butterworth low-pass, 12.5 Hz"),
-        ({"rate_hz": 50.0}, ""),
-        (None, ""),
-        ({"rate_hz": "50", "method": "low-pass"}, ""),
-    ],
-)
-def test_a_set_from_before_filters_were_told_tells_them_by_its_columns(
-    echo: EpisodeSet, resample: dict[str, object] | None, told: str
-) -> None:
-    old = dataclasses.replace(echo, provenance={"columns": {"resample": resample}})
-    config = configure(old, "agile-mlp", seed=0, lead_s=0.0)
-    for channel in config.observation:
-        assert channel.filtered == (f"second-order {told}" if told else "")
-
-
 def test_a_lead_that_is_asked_for_counts_even_none_and_else_the_rigs(echo: EpisodeSet) -> None:
     rigs = dataclasses.replace(echo, provenance={"default_lead_s": 0.05})
     told = [chosen_lead_s(data, asked_s) for data in (rigs, echo) for asked_s in (None, 0.0, 0.1)]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import JsonValue
 
-from wakedeploy.core.episodes import FILTERED, LOW_PASSED, Array, Channel, Episode, EpisodeSet
+from wakedeploy.core.episodes import FILTERED, Array, Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.version import VERSION
@@ -124,7 +124,7 @@ def _provenance(reading: Reading, columns: Columns, notes: Sequence[str]) -> dic
     if columns.training.lead_s:
         made["default_lead_s"] = columns.training.lead_s
     if columns.resample and columns.resample.method == "low-pass":
-        told = LOW_PASSED.format(cutoff_hz=columns.resample.effective_cutoff_hz)
+        told = f"second-order Butterworth low-pass, {columns.resample.effective_cutoff_hz:g} Hz"
         made[FILTERED] = dict.fromkeys(columns.with_role("observation"), told)
     return made
 
