@@ -184,7 +184,7 @@ def _on_lost(tally: _Tally) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
+    return f"{100.0 * share:.2g} %" if share < 0.995 else "nearly all"
 
 
 def _is_learnt_from(column: Series) -> bool:
