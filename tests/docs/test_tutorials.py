@@ -32,9 +32,10 @@ def words(printed: str) -> list[str]:
 
 
 def pages():
-    """Every tutorial; what flies in real time at the virtual rig waits for `make test-slow`."""
+    """Every tutorial; what flies in real time, or searches for minutes, is for `make test-slow`."""
     for page in PAGES:
-        mark = pytest.mark.slow if page.stem == "at-the-rig" else pytest.mark.whole
+        is_long = page.stem in ("at-the-rig", "mujoco-arm")
+        mark = pytest.mark.slow if is_long else pytest.mark.whole
         yield pytest.param(page, marks=mark, id=page.stem)
 
 

@@ -82,7 +82,7 @@ def _private(text: str) -> dict[str, Any]:
     address = address_of(text)
     if address.path is not None or not address.is_private:
         raise UnusableInput(
-            f"{text}: Foxglove has no token, so it is served to this computer alone; give "
+            f"{text}: Foxglove is served without a token, to this computer alone; give "
             f"{FOXGLOVE}, and reach it from another one by ssh -L 8765:{FOXGLOVE} USER@HOST."
         )
     host = "127.0.0.1" if address.host == "localhost" else address.host

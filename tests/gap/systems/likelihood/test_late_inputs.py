@@ -101,7 +101,7 @@ class Pod(System):
         return {"heave_m": state.heave_mps, "heave_mps": force / c.mass_kg}
 
 
-def pod(late, samples=600, fine=10):
+def pod(late, samples=900, fine=10):
     """It in water: a controller of its place follows slow waves of several periods."""
     rng = np.random.default_rng(2)
     time_s = np.arange(samples) / RATE_HZ
@@ -119,8 +119,9 @@ def pod(late, samples=600, fine=10):
     return LogModel(Pod(), [Recording("water", time_s, columns)])
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("late", [0, 6])
+@pytest.mark.parametrize(
+    "late", [pytest.param(0, marks=pytest.mark.whole), pytest.param(6, marks=pytest.mark.slow)]
+)
 def test_outputs_that_lead_only_as_drag_is_missing_are_no_late_input(late):
     made = pod(late)
     base = fitted_base(made)
