@@ -27,7 +27,6 @@ class Rules:
         speaks_nats: Sealed recordings that gain less say nothing about an effect.
         sure_share: Share of the recordings in which an effect has to be found for it to count as
             one that such recordings tell.
-        margin_nats: A mean gain of which more than `class_nats` are left in that share of them.
         bent_sd: A constant so many standard deviations from where it is stated is told, and what
             was found beside it doubted; of twenty constants, chance bends one as far in one case of
             twenty.
@@ -47,6 +46,29 @@ class Rules:
         most_effects: More than these are not named in one answer.
         readings_ahead: Of a forecast's readings, those that are looked at where a system is asked
             to predict far ahead.
+        interval_quantile: Where the ends of intervals of gains and sizes lie, of what chance brings
+            to one side: 90 % lie between both.
+        fewest_blocks: Gains in so many blocks have a spread that says something.
+        plain_times: An effect that gains so many times what chance brings is needed by any account,
+            and no longer tried against the answer without it.
+        port_share: Share of what a kind gains at one port that it needs at ports alike to be asked
+            for there, too.
+        far_stretch: A stretch of forecasts counts for no more than so many typical ones: from an
+            unstable state all models run away.
+        fewest_far: Of so many stretches that err by more, all count in full if an effect halves
+            their error
+        far_lost_share: and costs the others less than this share of what these gain.
+        push_share: A lasting push above this share of the usual rate is told; any model's form may
+            be off by as much.
+        push_ln_sd: The logarithm of its size is known better than to this.
+        followed_share: Share of a push's variance that a coordinate tells, for the push to follow
+            it.
+        late_nats: Outputs that move before their input does, or long after it, have to say so by
+            this much; chance brings none.
+        hides_nats: A candidate that is not named and gains more is told as what a calibration may
+            hide: about half of what a constant hides that has moved by three spreads.
+        error_trifle: Share by which an output's error may change without being worth a word.
+        sealed_share: Of the blocks of a system's logs, to confirm on what was found in the others.
         fewest_flights: Episodes that a verdict is fitted to, at least; of two, each would be judged
             by one other, and their spread by one number.
     """
@@ -60,7 +82,6 @@ class Rules:
     speaks_nats: float = 3.0
     class_nats: float = 3.0
     sure_share: float = 0.8
-    margin_nats: float = 5.9
     bent_sd: float = 3.0
     most_in_class: int = 3
     least_share: float = 0.01
@@ -71,10 +92,26 @@ class Rules:
     surely_share: float = 0.5
     most_effects: int = 4
     readings_ahead: int = 6
+    interval_quantile: float = 0.95
+    fewest_blocks: int = 6
+    plain_times: float = 5.0
+    port_share: float = 0.5
+    far_stretch: float = 20.0
+    fewest_far: int = 3
+    far_lost_share: float = 0.1
+    push_share: float = 0.05
+    push_ln_sd: float = 0.5
+    followed_share: float = 0.1
+    late_nats: float = 10.0
+    hides_nats: float = 2.0
+    error_trifle: float = 0.05
+    sealed_share: float = 0.25
     fewest_flights: int = 3
 
-
-RULES = Rules()
+    @property
+    def margin_nats(self) -> float:
+        """A mean gain of which more than `class_nats` are left in `sure_share` of recordings."""
+        return surely_nats(self.class_nats)
 
 
 def surely_nats(wanted: float) -> float:
@@ -85,6 +122,9 @@ def surely_nats(wanted: float) -> float:
     """
     half = _SURE_SD / math.sqrt(2.0)
     return (half + math.sqrt(half**2 + wanted)) ** 2
+
+
+RULES = Rules()
 
 
 def sealed_count(flights: int) -> int:

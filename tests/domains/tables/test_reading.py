@@ -441,7 +441,7 @@ def test_names_of_recordings_are_distinct(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "version is missing"),
+        ("", "version is missing; write version = 1 above its first section"),
         ("version = 2\n" + U, "version 2 is newer than this wakedeploy reads (1); upgrade it"),
         ("version = 1\n[columns]\n", "columns: Dictionary should have at least 1 item"),
         (BASE + U.replace("input", "inputs"), "columns.u.role = 'inputs'"),

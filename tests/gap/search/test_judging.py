@@ -30,7 +30,6 @@ from wakedeploy.gap.search.size_bounds import is_steady
 from wakedeploy.gap.search.weighing import Weight, is_outdone, share_of_gap, weight_of, without
 from wakedeploy.gap.systems.answers.words import sentences
 from wakedeploy.gap.systems.kinds.library import not_offered
-from wakedeploy.gap.systems.likelihood import leftover
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.physics.kalman import bumped
 
@@ -55,7 +54,13 @@ class Slider(Rail):
         return {"speed_mps": inputs.force_n / c.mass_kg}
 
 
-def slid(friction_n):
+class Narrow(Slider):
+    """The same, with a port for one kind of force."""
+
+    ports: ClassVar = [Port.force("speed_mps", kinds=["offset"])]
+
+
+def slid(friction_n, system=None):
     """The mass with dry friction, which no port of it can have."""
     rng = np.random.default_rng(4)
     force = np.repeat(rng.uniform(-12.0, 12.0, 50), 16)
@@ -67,7 +72,7 @@ def slid(friction_n):
             speed += (push - rub + 0.1 * rng.standard_normal()) / 2.0 / RATE / 10
     shown += 2e-3 * rng.standard_normal(len(force))
     columns = {"force_n": force, "speed_mps": shown}
-    return LogModel(Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+    return LogModel(system or Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
 
 
 @pytest.fixture(scope="module")
@@ -77,12 +82,9 @@ def rubbing():
 
 
 def test_what_a_port_leaves_out_is_what_would_make_sense_there():
-    class Narrow(Slider):
-        ports: ClassVar = [Port.force("speed_mps", kinds=["coulomb-friction", "offset"])]
-
     left_out = not_offered(Narrow(), "speed_mps", {})
-    assert {"viscous-friction", "quadratic-drag"} <= set(left_out)
-    assert not {"coulomb-friction", "offset", "stiffness"} & set(left_out)  # no position is there
+    assert {"coulomb-friction", "viscous-friction", "quadratic-drag"} <= set(left_out)
+    assert not {"offset", "stiffness"} & set(left_out)  # no position is there
     assert not_offered(Slider(), "speed_mps", {}) == []
 
 
@@ -92,7 +94,7 @@ def test_a_law_is_asked_for_where_hardly_a_push_is_left():
     told = named(model, fitted_base(model))
     assert verdict_of(told) == "unknown"
     (left,) = told.leftover
-    assert left.share < leftover.LITTLE
+    assert left.share < RULES.push_share
     assert left.law.removes > RULES.unexplained_share
 
 
@@ -112,6 +114,13 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     lines = sentences(answer_of(told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]
+
+
+def test_what_is_left_tells_the_kinds_that_its_port_leaves_out():
+    model = slid(3.0, Narrow())
+    (left,) = named(model, fitted_base(model)).leftover
+    assert left.has_port
+    assert "coulomb-friction" in left.not_offered
 
 
 class Stepped(Rail):

@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
 from wakedeploy.gap.search.artefacts import Answer
-from wakedeploy.gap.systems.answers import folder as own_folder
+from wakedeploy.gap.systems.answers import folder
 from wakedeploy.gap.systems.planning.known import stated_answer, stated_sizes
 from wakedeploy.gap.systems.planning.planned import Planned
 
@@ -28,7 +28,7 @@ class Slider(System):
     ports = [Port.input("force_n", kinds=["dead-time", "lag"])]
 
     def export(self, answer, out):
-        return [f"Exported {effect['name']}." for effect in answer["effects"]]
+        return [f"Exported {effect.name}." for effect in answer.effects]
 
     def derivative(self, state, inputs, c):
         force = inputs.force_n - 30.0 * state.position_m - 3.0 * state.speed_mps
@@ -140,7 +140,7 @@ def test_where_no_input_splits_the_class_close_promises_none(
     assert f"puts `{LAG}` in its place" in again.stdout or DEAD_TIME in again.stdout
     assert "--effect" in again.stdout.splitlines()[-1]
     assert "gap plan" not in again.stdout
-    monkeypatch.setattr(own_folder, "commanded", lambda model: ())
+    monkeypatch.setattr(folder, "commanded", lambda model: ())
     (place / "gap" / "plan.json").unlink()
     again = told("close")
     assert "No input can be commanded, so that none can be planned." in again.stdout

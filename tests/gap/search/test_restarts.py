@@ -15,7 +15,7 @@ from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.search.outcome import Named
 from wakedeploy.gap.search.restarts import begun_anew
 from wakedeploy.gap.search.scan import ranked
-from wakedeploy.gap.systems.answers import folder as own_folder
+from wakedeploy.gap.systems.answers import folder
 from wakedeploy.gap.systems.answers.folder import OwnFolder
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
@@ -77,8 +77,13 @@ def test_an_effect_is_found_whose_lack_has_bent_the_constants():
     anew = begun_anew(model, base, list(model.effects))
     assert anew[LAG].objective - base.objective > from_base[LAG] + 50.0
     assert anew[LAG].value(f"{LAG}.tau_s") == pytest.approx(0.16, abs=0.03)
-    first = ranked(model, base, list(model.effects), known=anew)[0][0]
+    told: list[tuple[int, int]] = []
+    first = ranked(model, base, list(model.effects), lambda *at: told.append(at), known=anew)[0][0]
     assert first.name == LAG
+    assert told == sorted(told)
+    assert {total for _, total in told} == {told[-1][0]}
+    climbs = [done for done, total in told if len(model.effects) < done < total]
+    assert len(climbs) >= 2  # what takes longest is told step by step, too
 
 
 def test_constants_that_were_measured_need_no_second_beginning():
@@ -139,7 +144,7 @@ def test_what_was_found_with_other_bounds_or_priors_is_found_again(tmp_path):
 def test_what_another_version_of_the_program_found_is_found_again(tmp_path, monkeypatch):
     model = LogModel(Belt(), [driven(4.0)])
     before = OwnFolder(model, tmp_path).key
-    monkeypatch.setattr(own_folder, "VERSION", "0.0.0")
+    monkeypatch.setattr(folder, "VERSION", "0.0.0")
     assert OwnFolder(model, tmp_path).key != before
 
 

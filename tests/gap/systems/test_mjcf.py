@@ -8,8 +8,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from made_answers import answer_with
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.search.artefacts import Size, Sizes
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.likelihood.augmented import Acting
@@ -118,24 +120,18 @@ def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
     """The corrected file moves as the one from which the answer was made up."""
     system = system_of(tmp_path)
 
-    def size(value: float, unit: str = "s") -> dict[str, object]:
-        return {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": unit}
+    def size(value: float, unit: str = "s") -> Size:
+        return Size(value=value, low=0.9 * value, high=1.1 * value, unit=unit)
 
-    told = {
-        "verdict": "named",
-        "constants": {
-            "elbow_kp": size(16.0),
-            "lower_mass_kg": size(0.35),
-            "elbow_damping": size(0.04),
-        },
-        "effects": [
-            {"name": "coulomb-friction@shoulder_radps", "parameters": {"force": size(0.4, "N m")}},
-            {"name": "viscous-friction@elbow_radps", "parameters": {"coefficient": size(0.02)}},
-            {"name": "lag@elbow_command", "parameters": {"tau_s": size(0.06)}},
-            {"name": "dead-time@shoulder_command", "parameters": {"delay_s": size(0.025)}},
-            {"name": "gravity@elbow_radps", "parameters": {"sine": size(0.1), "cosine": size(0.1)}},
-        ],
+    found: dict[str, Sizes] = {
+        "coulomb-friction@shoulder_radps": {"force": size(0.4, "N m")},
+        "viscous-friction@elbow_radps": {"coefficient": size(0.02)},
+        "lag@elbow_command": {"tau_s": size(0.06)},
+        "dead-time@shoulder_command": {"delay_s": size(0.025)},
+        "gravity@elbow_radps": {"sine": size(0.1), "cosine": size(0.1)},
     }
+    constants = {"elbow_kp": size(16.0), "lower_mass_kg": size(0.35), "elbow_damping": size(0.04)}
+    told = answer_with("named", found, constants)
     (tmp_path / "out").mkdir()
     said = system.export(told, tmp_path / "out")
     assert "gravity@elbow_radps" in said[-1]
@@ -241,6 +237,16 @@ def test_an_activation_has_the_unit_of_what_it_holds(
     text = mjcf_template(path, tmp_path / "my_arm.py")
     assert f'"a_activation": "{unit}",' in text
     assert 'Output("a_activation' not in text
+
+
+def test_an_output_has_the_noise_that_its_sensor_states(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(shoulder="", elbow="").replace(
+        '<jointpos joint="shoulder"/>', '<jointpos joint="shoulder" noise="0.0037"/>'
+    ))  # fmt: skip
+    text = mjcf_template(path, tmp_path / "my_arm.py")
+    assert 'Output("shoulder_rad", "rad", noise=0.0037),' in text
+    assert 'Output("elbow_rad", "rad", noise=0.0037),' not in text
 
 
 def test_joints_that_an_equality_holds_are_told_of(tmp_path: Path) -> None:

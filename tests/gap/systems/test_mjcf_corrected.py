@@ -9,7 +9,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from made_answers import answer_with
 
+from wakedeploy.gap.search.artefacts import Answer, Size, Sizes
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem
@@ -56,15 +58,14 @@ def written(folder: Path, actuators: str, rail: str = "", wrist: str = "") -> Mj
     return system
 
 
-def size(value: float, unit: str = "1", half: float | None = None) -> dict[str, Any]:
+def size(value: float, unit: str = "1", half: float | None = None) -> Size:
     half = 0.1 * abs(value) if half is None else half
-    return {"value": value, "low": value - half, "high": value + half, "unit": unit}
+    return Size(value=value, low=value - half, high=value + half, unit=unit)
 
 
-def answered(*effects: tuple[str, dict[str, Any]], verdict: str = "named", **constants: Any) -> Any:
+def answered(*effects: tuple[str, Sizes], verdict: str = "named", **constants: Size) -> Answer:
     """What name.json has of it."""
-    found = [{"name": name, "parameters": parameters} for name, parameters in effects]
-    return {"verdict": verdict, "effects": found, "constants": constants}
+    return answer_with(verdict, dict(effects), constants)
 
 
 @dataclass

@@ -329,6 +329,10 @@ def parse_columns(text: str, name: str = "columns.toml") -> Columns:
     except ValueError as error:
         raise UnusableInput(f"{name}: not valid TOML: {one_line(error)}.") from error
     version = raw.get("version")
+    if version is None:
+        raise UnusableInput(
+            f"{name}: version is missing; write version = {VERSION} above its first section."
+        )
     if isinstance(version, int) and version > VERSION:
         raise UnusableInput(
             f"{name}: version {version} is newer than this wakedeploy reads ({VERSION});"

@@ -172,7 +172,7 @@ def _cost(model: Model, base: Fit, name: str) -> int:
 
 
 def _advanced(steps: StepsDone, before: int, total: int, done: int, of: int) -> None:
-    """StepsDone of the last part, as steps of the whole."""
+    """Tell steps of the last part as steps of the whole."""
     steps(before + (total - before) * done // of, total)
 
 

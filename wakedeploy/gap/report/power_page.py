@@ -310,7 +310,7 @@ def _method(power: Power) -> tuple[str, ...]:
         f"effect does (from {power.threshold_source}). It is named when every rival is more than "
         f"{RULES.class_nats:g} nats behind on all flights; both must happen in "
         f"{100 * RULES.sure_share:.0f} % of the data sets, which takes about "
-        f"{RULES.margin_nats:g} nats on average. Flights that the workflow seals, two of seven, "
+        f"{RULES.margin_nats:.1f} nats on average. Flights that the workflow seals, two of seven, "
         "take no part in naming.",
         f"Believe a promise of {100 * SURELY:.0f} % and more as {100 * KEPT:.0f} %: of "
         f"{KEPT_OF} effects hidden in the gap benchmark of which that was promised, so many were "

@@ -13,13 +13,13 @@ import numpy as np
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import begun, climbed
 from wakedeploy.gap.search.comparison import Comparison, theta_from
 from wakedeploy.gap.search.rivalry import Verdict, is_nothing, rivals_with
 from wakedeploy.gap.search.scan import elaborates
 
 _MOST = 3  # kinds that are fitted
-_NEARLY = 0.5  # share of what a kind gains at one port, that it has to gain at the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ def twins(
     for verdict in verdicts:
         alike = [n for n in model.ports_alike(verdict.candidate.name) if n not in found.hypothesis]
         names = (verdict.candidate.name, *alike)
-        nearly = _NEARLY * verdict.candidate.gain_nats
+        nearly = RULES.port_share * verdict.candidate.gain_nats
         if not alike or any(gains.get(n, 0.0) < max(needed.get(n, np.inf), nearly) for n in names):
             continue
         is_known = any(set(names) == set(each.names) for each in fitted)

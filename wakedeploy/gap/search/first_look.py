@@ -193,7 +193,7 @@ def _look(
 
 
 class _Climb:
-    """StepsDone of a candidate's amplitudes, the base's parameters following."""
+    """Steps of a candidate's amplitudes, the base's parameters following."""
 
     def __init__(
         self,

@@ -12,8 +12,6 @@ from scipy.stats import ttest_1samp
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
 
-_FEWEST = 6  # blocks whose spread says something
-
 
 class Chance(NamedTuple):
     """What chance brings to the luckiest of all effects [nats], and without a log's loud moments.
@@ -35,7 +33,7 @@ def needed_nats(effect: Candidate, chance: Chance, tried: int) -> float:
     such a loss; sealed blocks are asked besides.
     """
     gains = np.asarray(effect.gains)
-    if len(gains) < _FEWEST or not gains.std():
+    if len(gains) < RULES.fewest_blocks or not gains.std():
         return chance.nats
     own = float(gains.sum()) - effect.looked_nats  # without what priors say of parameters
     if own <= chance.without_loud_nats:

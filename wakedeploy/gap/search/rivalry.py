@@ -18,8 +18,6 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.weighing import Weight, crossed, weight_of
 
-_SURE = 0.95
-
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
@@ -43,7 +41,11 @@ def rivals_with(best: Candidate, other: Candidate) -> bool:
     apart, count = best.gains - other.gains, len(best.gains)
     reach = 0.0
     if count > 1:
-        reach = float(student_t.ppf(_SURE, count - 1)) * float(apart.std(ddof=1)) * count**0.5
+        reach = (
+            float(student_t.ppf(RULES.interval_quantile, count - 1))
+            * float(apart.std(ddof=1))
+            * count**0.5
+        )
     return bool(best.gain_nats - other.gain_nats - reach < RULES.class_nats)
 
 

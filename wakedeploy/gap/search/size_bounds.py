@@ -13,11 +13,11 @@ from scipy.stats import t as student_t
 from scipy.stats import wilcoxon
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Slopes
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import climbed
 from wakedeploy.gap.search.comparison import Comparison
 
 _SHARES = (0.5, 0.25, 0.1, 0.03)  # of the estimate, at which all else is fitted again
-_SURE = 0.95
 
 
 def profiled(model: Comparison, found: Fit, name: str) -> Fit:
@@ -42,7 +42,7 @@ def _is_excluded(model: Comparison, found: Fit, i: int, share: float) -> bool:
     nothing = Slopes((), (), ())
     held = climbed(model, replace(found, free=tuple(free), theta=theta, slopes=nothing))
     lost, count = found.per_episode - held.per_episode, len(found.episodes)
-    quantile = float(student_t.ppf(_SURE, max(count - 1, 1)))
+    quantile = float(student_t.ppf(RULES.interval_quantile, max(count - 1, 1)))
     reach = quantile * float(np.std(lost, ddof=1)) * count**0.5 if count > 1 else np.inf
     total = float(lost.sum()) + found.log_prior - held.log_prior
     return total > 0.5 * quantile**2 and (total > reach or is_steady(lost))
@@ -56,4 +56,4 @@ def is_steady(gains: FloatArray) -> bool:
     """
     if not np.any(gains):
         return False
-    return float(wilcoxon(gains, alternative="greater").pvalue) < 1.0 - _SURE
+    return float(wilcoxon(gains, alternative="greater").pvalue) < 1.0 - RULES.interval_quantile

@@ -19,9 +19,6 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, errors
 
 _FOLDS = 4
-_CAP = 20.0  # typical stretches that one may count for: from an unstable state all models run away
-_FEWEST_FAR = 3  # stretches that err by more than that, from which they may count in full
-_LITTLE_LOST = 0.1  # of what those gain
 _ROUNDING = 1e-12  # of the largest channel's error
 _FARTHEST = 16.0  # square of a step in standard deviations that leaving blocks out may take
 
@@ -170,12 +167,12 @@ def _cap(was: FloatArray, now: FloatArray) -> float:
     There is no limit where some err by far and all of these fall by half, while the others lose
     little beside it: so errs what meets a floor now and then.
     """
-    cap = _CAP * float(np.median(was)) or np.inf
+    cap = RULES.far_stretch * float(np.median(was)) or np.inf
     far = was > cap
-    if far.sum() < _FEWEST_FAR or np.any(now[far] > 0.5 * was[far]):
+    if far.sum() < RULES.fewest_far or np.any(now[far] > 0.5 * was[far]):
         return cap
     gained, lost = (was[far] - now[far]).sum(), (now[~far] - was[~far]).sum()
-    return np.inf if lost < _LITTLE_LOST * gained else cap
+    return np.inf if lost < RULES.far_lost_share * gained else cap
 
 
 def _removed(was: FloatArray, now: FloatArray, cap: float) -> Weight:

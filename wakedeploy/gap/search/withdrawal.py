@@ -9,14 +9,13 @@ import numpy as np
 from wakedeploy.gap.evidence.fits import Fit, prior_precision
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.ranking import candidate
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, theta_from
 from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
 from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, chance_of, left_of, marked
 from wakedeploy.gap.search.rivalry import is_nothing
 from wakedeploy.gap.search.size_bounds import profiled
 from wakedeploy.gap.search.weighing import helps
-
-_PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
 
 
 def still_needed(model: Comparison, outcome: Named) -> Named:
@@ -27,7 +26,7 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
     chance = max(map(chance_of, outcome.rounds))
     tried = max(len(r.ranking) for r in outcome.rounds)
     for name in found.hypothesis[:-1]:
-        if _evident_by_size(found, name) > _PLAINLY * chance.nats:
+        if _evident_by_size(found, name) > RULES.plain_times * chance.nats:
             continue
         without = _without(model, found, name)
         again = candidate(without, name, found)

@@ -21,6 +21,7 @@ from wakedeploy.core.units import unit_at_end, unit_of
 from wakedeploy.gap.systems.calls import called, complete
 
 if TYPE_CHECKING:
+    from wakedeploy.gap.search.artefacts import Answer
     from wakedeploy.gap.systems.correction import Correction
 
 FloatArray = npt.NDArray[np.float64]
@@ -286,10 +287,11 @@ class System:
 
         return simulated(self, recording)
 
-    def export(self, answer: Mapping[str, Any], out: Path) -> list[str]:
+    def export(self, answer: "Answer", out: Path) -> list[str]:
         """Write what `gap name` found in further formats; none unless overridden.
 
-        `answer` is what name.json has. Returns a sentence for each file in the folder `out`.
+        `answer` is the artefact that name.json holds. Returns a sentence for each file in the
+        folder `out`.
         """
         return []
 

@@ -3,11 +3,11 @@
 In: an answer. Out: sentences and rows.
 """
 
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import listed, measured, minus, scale_of
 
-_SPEAKS_NATS = 2.0  # about half of what a constant hides that moved by three spreads
 _MOST_TOLD = 12
 
 
@@ -73,5 +73,5 @@ def _unnamed_gains(answer: Answer) -> list[str]:
     """Gains, for which a constant may stand, that the last round ranked; the clearest first."""
     named = {effect.name for effect in answer.effects}
     last = answer.rounds[-1].ranking if answer.rounds else []
-    clear = [each for each in last if each.gain_nats > _SPEAKS_NATS and each.name not in named]
+    clear = [each for each in last if each.gain_nats > RULES.hides_nats and each.name not in named]
     return [each.name for each in clear if any(k.is_gain for k in kinds_of(each.name))]

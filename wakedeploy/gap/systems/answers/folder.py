@@ -62,7 +62,7 @@ class OwnFolder(Folder):
             write_correction(correction, self.out / CORRECTION)
         system = self.log_model.system
         where = f"{system.name}.export"
-        self.exported = attempted(where, system.export, told.as_json(), self.out)
+        self.exported = attempted(where, system.export, told, self.out)
         return answer
 
     def plan(self) -> Planned | None:

@@ -6,10 +6,10 @@ In: a `Result`. Out: sentences and phrases for a terminal and a page.
 import math
 from collections.abc import Sequence
 
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer, Effect, Error, Forecast, Result
 from wakedeploy.gap.wording import UNKNOWN, listed, percent, quantity
 
-TRIFLE = 0.05  # by which an output's error may change without being worth a word
 _MOST_NAMED = 3
 _NOTHING = 0.005  # of a share, that is told in whole percent
 
@@ -93,8 +93,8 @@ def _with_effects(result: Result, forecasts: str) -> str:
     """Outputs that gain, outputs that lose, and that there are others."""
     by_gain = sorted(result.gap.items(), key=lambda each: _remaining(each[1]))
     known = [(name, error) for name, error in by_gain if not math.isnan(_remaining(error))]
-    better = [each for each in known if _remaining(each[1]) < 1.0 - TRIFLE]
-    worse = [each for each in reversed(known) if _remaining(each[1]) > 1.0 + TRIFLE]
+    better = [each for each in known if _remaining(each[1]) < 1.0 - RULES.error_trifle]
+    worse = [each for each in reversed(known) if _remaining(each[1]) > 1.0 + RULES.error_trifle]
     names = [f"`{effect.name}`" for effect in result.effects]
     by = "it" if result.verdict == "named" and len(names) == 1 else listed(names)
     if known and not better and not worse:

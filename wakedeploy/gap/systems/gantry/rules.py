@@ -18,6 +18,15 @@ class GantryRules(Rules):
             form.
         clear_nats: Effects that explain more have no better expression that leaves no rest.
         same_summit_nats: Depth of the interval of a summit: half of the 90 % quantile of chi².
+        shorter_nats: Of two expressions closer than this, the shorter one is taken.
+        long_terms: An expression of so many terms is believed only after effects were tried in
+            pairs.
+        dropped_nats: An effect that gains less beside others is dropped.
+        used_nats: What gained less where it was fitted has not been used by a placebo.
+        stray: Errors beyond so many times the usual are readings that strayed, and no forecasts'.
+        nothing_level: Of the interval of a reference's effect that may not hold "nothing".
+        odd_p: A flight is unlike the others where chance makes one so far away less often.
+        variation_p: A constant varies from flight to flight where chance makes as much less often.
     """
 
     most_effects: int = 3
@@ -26,6 +35,14 @@ class GantryRules(Rules):
     relatives_share: float = 0.1
     clear_nats: float = 60.0
     same_summit_nats: float = 1.35
+    shorter_nats: float = 1.0
+    long_terms: int = 3
+    dropped_nats: float = 1.0
+    used_nats: float = 0.5
+    stray: float = 6.0
+    nothing_level: float = 0.95
+    odd_p: float = 0.01
+    variation_p: float = 0.05
 
 
 RULES = GantryRules()

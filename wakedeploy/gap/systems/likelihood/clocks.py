@@ -13,13 +13,13 @@ import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.likelihood.blocks import Log
 from wakedeploy.gap.systems.likelihood.filter import Filter
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
 
-_EVIDENT_NATS = 10.0  # by which outputs have to move before an input; chance brings none
 _FEWEST, _MOST = 2, 64  # samples that an input may be late; one is a matter of how logs are stamped
 _NEAR = (1, 2, 4)  # samples that are always tried, and how many more that errors point at
 _LIKELY = 3
@@ -38,7 +38,7 @@ def late_inputs(model: "LogModel", base: Fit, found: Fit | None = None) -> dict[
         samples = _late_by(model, base, i)
         if samples and found is not None and found.hypothesis:
             earlier = _refitted(model, base, i, samples)
-            if found.objective > earlier + _EVIDENT_NATS:
+            if found.objective > earlier + RULES.late_nats:
                 samples = _late_by(model, found, i)
         if samples:
             late[stated.name] = samples * model.dt_s
@@ -67,10 +67,10 @@ def _late_by(model: "LogModel", base: Fit, place: int) -> int:
     Of an input that repeats itself a delay and a lead are the same.
     """
     gained, samples = _best(model, base, place, _EARLIER)
-    if samples < _FEWEST or gained < _EVIDENT_NATS:
+    if samples < _FEWEST or gained < RULES.late_nats:
         return 0
     delayed, _ = _best(model, base, place, _LATER)
-    return samples if gained - delayed > _EVIDENT_NATS else 0
+    return samples if gained - delayed > RULES.late_nats else 0
 
 
 def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, int]:
@@ -82,7 +82,7 @@ def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, in
     tried = {*_NEAR, *_likely(model, base, place, way)}
     looks = {n: _nats(_moved(model, place, way * n), base) - seen for n in tried}
     most = max(looks.values())
-    if most < _EVIDENT_NATS:
+    if most < RULES.late_nats:
         return 0.0, 0
     nats = {0: base.objective}
     nats |= {

@@ -29,9 +29,6 @@ from wakedeploy.gap.systems.system import Port
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
 
-LITTLE = 0.05  # of the usual rate: as much as any model's form may be off
-_SURE = 0.5  # ln sd: a push whose size is told no better is no finding
-_FOLLOWED = 0.1  # share of a push's variance that a coordinate has to tell
 _KNOTS, _FEWER_KNOTS = 16, 6  # of a law over a coordinate, of one that has a direction as well
 _TURNS = 0.02  # of the usual speed, over which a direction turns
 
@@ -59,7 +56,7 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
             not_offered=not_offered(model.system, name, model.sizes),
             has_port=any(p.role == "force" and p.name == name for p in model.system.ports),
         )
-        if share > LITTLE and fitted.standard_error(f"push.{name}") < _SURE:
+        if share > RULES.push_share and fitted.standard_error(f"push.{name}") < RULES.push_ln_sd:
             large.append(push.model_copy(update={"against": _followed(model, fitted, k)}))
         elif not fitted.hypothesis:
             small.append(push)
@@ -209,7 +206,7 @@ def _followed(model: "LogModel", fitted: Fit, place: int) -> Followed | None:
         means = [float(push[inside].mean()) for _, _, inside in bins]
         counts = np.array([np.count_nonzero(inside) for _, _, inside in bins])
         share = float(counts @ (np.array(means) - push.mean()) ** 2 / counts.sum() / push.var())
-        if share > _FOLLOWED and (best is None or share > best.share):
+        if share > RULES.followed_share and (best is None or share > best.share):
             edges = [bins[0][0], *(high for _, high, _ in bins)]
             best = Followed(coordinate=name, unit=unit, share=share, edges=edges, means=means)
     return best

@@ -29,7 +29,6 @@ from wakedeploy.gap.systems.likelihood.leftover import leftovers
 from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.system import Point, System
 
-SEALED_SHARE = 0.25
 _TOGETHER = 15000  # samples times effects that are looked at in one run
 _SEARCHED = 24000  # samples times states that a search looks at
 _TRIFLE = 0.02  # of a usual size
@@ -153,7 +152,7 @@ class LogModel(ComparisonDefaults):
 
     def sealed(self) -> tuple[int, ...]:
         """The last quarter of the blocks, one after another: excitations may repeat."""
-        count = max(round(SEALED_SHARE * self.episodes), 1)
+        count = max(round(RULES.sealed_share * self.episodes), 1)
         return tuple(range(self.episodes - count, self.episodes))
 
     def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:

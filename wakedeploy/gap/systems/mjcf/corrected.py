@@ -16,6 +16,7 @@ import numpy as np
 import tomli_w
 
 from wakedeploy.core.files import write_text_whole
+from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.mjcf.effects import add_commands, add_effect
 from wakedeploy.gap.systems.mjcf.elements import Elements, read_spec
 from wakedeploy.gap.systems.mjcf.ranges import (
@@ -25,7 +26,6 @@ from wakedeploy.gap.systems.mjcf.ranges import (
     Following,
     Found,
     Range,
-    Told,
     add_constants,
 )
 from wakedeploy.gap.systems.system import Constant
@@ -34,34 +34,33 @@ _LINEAR = 1  # interpolation between the commands that an actuator remembers
 
 
 def write_corrected(
-    elements: Elements, constants: Mapping[str, Constant], answer: Told, out: Path
+    elements: Elements, constants: Mapping[str, Constant], answer: Answer, out: Path
 ) -> list[str]:
     """Write both files into a folder; returns sentences about what is written and what is not.
 
-    `constants` are those that the system states, by name. `answer` is what `name.json` has: a
-    verdict, effects and constants with `value`, `low`, `high` and `unit`.
+    `constants` are those that the system states, by name; `answer` has those that were fitted.
     """
-    if answer["verdict"] in ("none", "unknown"):
+    if answer.verdict in ("none", "unknown"):
         why = {"none": "nothing that matters is missing", "unknown": "what is missing is unknown"}
-        return [_left_alone(elements, why[answer["verdict"]], out)]
+        return [_left_alone(elements, why[answer.verdict], out)]
     written = fitted(elements, constants, answer)
     if not written.has_effects:
         absent = [f"  {sentence}." for sentence in written.absent]
         return [_left_alone(elements, "MJCF has no attribute for what was found", out), *absent]
     write_text_whole(out / CORRECTED, _corrected(written, out))
-    rows = [one.row() for one in written.ranges.values()]
+    rows = [number.row() for number in written.ranges.values()]
     write_text_whole(out / RANGES, tomli_w.dumps({"version": 1, "range": rows}))
     lines = [f"MJCF: {out / CORRECTED}, and what to randomise: {out / RANGES}"]
     absent = [f"{sentence}; {CORRECTED} is without it." for sentence in written.absent]
     return lines + [f"  {sentence}" for sentence in (*written.said, *absent)]
 
 
-def fitted(elements: Elements, constants: Mapping[str, Constant], answer: Told) -> Fitted:
+def fitted(elements: Elements, constants: Mapping[str, Constant], answer: Answer) -> Fitted:
     """Every number of the file that was fitted, stated otherwise or found."""
     written = Fitted(elements)
-    add_constants(written, constants, answer["constants"])
-    for effect in answer["effects"]:
-        add_effect(written, Found(effect["name"], effect["parameters"]))
+    add_constants(written, constants, answer.constants)
+    for effect in answer.effects:
+        add_effect(written, Found(effect.name, effect.parameters))
     add_commands(written)
     return written
 
@@ -82,8 +81,8 @@ def _corrected(written: Fitted, out: Path) -> str:
     """The file's text."""
     path = written.elements.path
     spec, model = read_spec(path)
-    for one in written.ranges.values():
-        _WRITERS.get(one.attribute, _write_number)(spec, model, one)
+    for number in written.ranges.values():
+        _WRITERS.get(number.attribute, _write_number)(spec, model, number)
     for following in written.following.values():
         _write_following(spec, following)
     for folder in ("meshdir", "texturedir"):
@@ -92,73 +91,73 @@ def _corrected(written: Fitted, out: Path) -> str:
     return str(spec.to_xml())
 
 
-def _write_number(spec: Any, model: Any, one: Range) -> None:
+def _write_number(spec: Any, model: Any, number: Range) -> None:
     """A number of an element; in MJCF some are the first of several."""
-    element = getattr(spec, one.element)(one.name)
-    attribute, _, place = one.attribute.rstrip("]").partition("[")
+    element = getattr(spec, number.element)(number.name)
+    attribute, _, place = number.attribute.rstrip("]").partition("[")
     if isinstance(getattr(element, attribute), np.ndarray):
-        getattr(element, attribute)[int(place or 0)] = one.nominal
+        getattr(element, attribute)[int(place or 0)] = number.nominal
     else:
-        setattr(element, attribute, one.nominal)
+        setattr(element, attribute, number.nominal)
 
 
-def _write_following(spec: Any, one: Following) -> None:
-    element = getattr(spec, one.element)(one.name)
-    if one.attribute == "springref":
+def _write_following(spec: Any, following: Following) -> None:
+    element = getattr(spec, following.element)(following.name)
+    if following.attribute == "springref":
         import mujoco
 
         in_degrees = spec.compiler.degree and element.type == mujoco.mjtJoint.mjJNT_HINGE
-        element.springref = math.degrees(one.values[0]) if in_degrees else one.values[0]
+        element.springref = math.degrees(following.values[0]) if in_degrees else following.values[0]
         return
-    if one.attribute == "ctrlrange":
+    if following.attribute == "ctrlrange":
         element.inheritrange, element.ctrllimited = 0.0, True  # the range is stated now
-    getattr(element, one.attribute)[:] = one.values
+    getattr(element, following.attribute)[:] = following.values
 
 
-def _write_bias(spec: Any, model: Any, one: Range) -> None:
+def _write_bias(spec: Any, model: Any, number: Range) -> None:
     """The constant of an affine bias; a motor has none yet, whatever numbers stand there."""
     import mujoco
 
-    actuator = spec.actuator(one.name)
+    actuator = spec.actuator(number.name)
     if actuator.biastype == mujoco.mjtBias.mjBIAS_NONE:
         actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         actuator.biasprm[:] = 0.0
-    actuator.biasprm[0] = one.nominal
+    actuator.biasprm[0] = number.nominal
 
 
-def _write_kp(spec: Any, model: Any, one: Range) -> None:
-    actuator = spec.actuator(one.name)
-    actuator.gainprm[0], actuator.biasprm[1] = one.nominal, -one.nominal
+def _write_kp(spec: Any, model: Any, number: Range) -> None:
+    actuator = spec.actuator(number.name)
+    actuator.gainprm[0], actuator.biasprm[1] = number.nominal, -number.nominal
 
 
-def _write_kv(spec: Any, model: Any, one: Range) -> None:
-    actuator = spec.actuator(one.name)
+def _write_kv(spec: Any, model: Any, number: Range) -> None:
+    actuator = spec.actuator(number.name)
     if actuator.biasprm[1] == 0.0:  # a velocity servo
-        actuator.gainprm[0] = one.nominal
-    actuator.biasprm[2] = -one.nominal
+        actuator.gainprm[0] = number.nominal
+    actuator.biasprm[2] = -number.nominal
 
 
-def _write_delay(spec: Any, model: Any, one: Range) -> None:
+def _write_delay(spec: Any, model: Any, number: Range) -> None:
     """With as many remembered commands as the delay has steps."""
-    actuator = spec.actuator(one.name)
-    actuator.delay, actuator.interp = max(one.nominal, 0.0), _LINEAR
+    actuator = spec.actuator(number.name)
+    actuator.delay, actuator.interp = max(number.nominal, 0.0), _LINEAR
     actuator.nsample = math.ceil(actuator.delay / model.opt.timestep) + 1
 
 
-def _write_lag(spec: Any, model: Any, one: Range) -> None:
+def _write_lag(spec: Any, model: Any, number: Range) -> None:
     import mujoco
 
-    actuator = spec.actuator(one.name)
+    actuator = spec.actuator(number.name)
     if actuator.dyntype == mujoco.mjtDyn.mjDYN_NONE:
         actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
-    actuator.dynprm[0] = one.nominal
+    actuator.dynprm[0] = number.nominal
 
 
-def _write_mass(spec: Any, model: Any, one: Range) -> None:
+def _write_mass(spec: Any, model: Any, number: Range) -> None:
     """The compiled body's inertia, explicit and scaled with the mass."""
-    body, compiled = spec.body(one.name), model.body(one.name)
-    share = one.nominal / float(compiled.mass[0])
-    body.explicitinertial, body.mass = True, one.nominal
+    body, compiled = spec.body(number.name), model.body(number.name)
+    share = number.nominal / float(compiled.mass[0])
+    body.explicitinertial, body.mass = True, number.nominal
     body.ipos, body.iquat = compiled.ipos, compiled.iquat
     body.inertia = share * compiled.inertia
 

@@ -11,8 +11,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from wakedeploy.gap.search.artefacts import Measured
 from wakedeploy.gap.systems.mjcf.elements import Actuator, Elements, Joint
-from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, Fitted, Found, Range, Told, as_is
+from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, Fitted, Found, Range, as_is
 from wakedeploy.gap.wording import listed
 
 _RESISTS = {  # kinds: the attribute to which a parameter is added
@@ -56,11 +57,10 @@ def add_commands(written: Fitted) -> None:
         actuator = by_name[name]
         i, gain = actuator.index, _gain_of(written, actuator)
         if factor.nominal != 1.0:
-            scaled = gain.times({"value": factor.nominal, "low": factor.low, "high": factor.high})
+            scaled = gain.times(factor.size)
             written.ranges[scaled.key] = scaled
         if added.nominal != 0.0:
-            size = {"value": added.nominal, "low": added.low, "high": added.high}
-            written.add(_bias_of(written, actuator), size, gain.nominal)
+            written.add(_bias_of(written, actuator), added.size, gain.nominal)
         if model.actuator_ctrllimited[i]:
             low, high = ((float(end) - added.nominal) / factor.nominal
                          for end in model.actuator_ctrlrange[i])  # fmt: skip
@@ -79,7 +79,7 @@ def _cut(written: Fitted, actuator: Actuator, low: Range, high: Range) -> None:
     elif model.actuator_ctrllimited[i]:
         ends = (float(model.actuator_ctrlrange[i, 0]), float(model.actuator_ctrlrange[i, 1]))
     tighter = [low] * (low.nominal > ends[0]) + [high] * (high.nominal < ends[1])
-    written.ranges |= {one.key: one for one in tighter}
+    written.ranges |= {end.key: end for end in tighter}
     within = max(low.nominal, ends[0]), min(high.nominal, ends[1])
     written.follow("actuator", actuator.name, "ctrlrange", *within)
 
@@ -99,9 +99,9 @@ def _resist(written: Fitted, joint: Joint, effect: Found) -> str:
     return ""
 
 
-def _add_to_joint(written: Fitted, joint: Joint, attribute: str, size: Told) -> None:
+def _add_to_joint(written: Fitted, joint: Joint, attribute: str, size: Measured) -> None:
     value = _of_joint(written.elements.model, joint, attribute)
-    written.add(as_is("joint", joint.name, attribute, value, size["unit"]), size)
+    written.add(as_is("joint", joint.name, attribute, value, size.unit), size)
 
 
 def _of_joint(model: Any, joint: Joint, attribute: str) -> float:
@@ -129,7 +129,7 @@ def _spring(written: Fitted, joint: Joint, effect: Found) -> str:
     of_file = [_of_joint(model, joint, one) for one, _ in _SPRINGS.values()]
     own = written.value("joint", joint.name, "stiffness", of_file[0])
     if at_m_rad != 0.0:
-        both = own + float(size["value"])
+        both = own + size.value
         if not own and not any(of_file):
             written.follow("joint", joint.name, "springref", 0.0)
         elif effect.kind == "stiffness" and both and not any(of_file[1:]):
@@ -150,9 +150,9 @@ def _preloaded(written: Fitted, joint: Joint, effect: Found) -> str:
     )
     if any(own):
         return _without(effect, "the joint has a spring of its own, which rests elsewhere")
-    if not stiffness["value"] > 0.0:
+    if not stiffness.value > 0.0:
         return _without(effect, "the spring pushes away from where it rests")
-    rest = float(preload["value"]) / float(stiffness["value"])
+    rest = preload.value / stiffness.value
     written.follow("joint", joint.name, "springref", rest)
     _add_to_joint(written, joint, "stiffness", stiffness)
     return ""
@@ -180,12 +180,12 @@ def _offset(written: Fitted, joint: Joint, effect: Found) -> str:
     moved = []
     if model.actuator_forcelimited[i]:
         _move(written, "actuator", carrier.name, "forcerange", model.actuator_forcerange[i],
-              float(size["value"]) / gear)  # fmt: skip
+              size.value / gear)  # fmt: skip
         moved.append("forcerange")
     at = int(model.dof_jntid[joint.dof])
     if model.jnt_actfrclimited[at]:
         _move(written, "joint", joint.name, "actfrcrange", model.jnt_actfrcrange[at],
-              float(size["value"]))  # fmt: skip
+              size.value)  # fmt: skip
         moved.append("actuatorfrcrange")
     return _carried(effect, carrier, "biasprm[0]", moved)
 
@@ -248,8 +248,8 @@ def _command(written: Fitted, actuator: Actuator, effect: Found) -> str:
         written.commands[actuator.name] = factor, added.plus(effect.parameters["bias"])
         return _carried(effect, actuator, "biasprm[0]", limits)
     error = effect.parameters["error"]
-    scale = {k: 1.0 + float(error[k]) for k in ("value", "low", "high")}
-    if scale["value"] <= 0.0:
+    scale = Measured(value=1.0 + error.value, low=1.0 + error.low, high=1.0 + error.high, unit="1")
+    if scale.value <= 0.0:
         return _without(effect, "a command that is turned round or lost is none")
     written.commands[actuator.name] = factor.times(scale), added.times(scale)
     return _carried(effect, actuator, "gainprm[0]", limits)
@@ -276,10 +276,10 @@ def _gain_of(written: Fitted, actuator: Actuator) -> Range:
 def _saturation(written: Fitted, actuator: Actuator, effect: Found) -> str:
     """A limit to the command, which acts before all else: a range of commands."""
     limit = effect.parameters["limit"]
-    if not float(limit["value"]) > 0.0:
+    if not limit.value > 0.0:
         return _without(effect, "it cuts all of the command")
     low, high = (
-        as_is("actuator", actuator.name, attribute, 0.0, limit["unit"]).plus(limit, way)
+        as_is("actuator", actuator.name, attribute, 0.0, limit.unit).plus(limit, way)
         for attribute, way in (("ctrlrange[0]", -1.0), ("ctrlrange[1]", 1.0))
     )
     written.cut[actuator.name] = low, high

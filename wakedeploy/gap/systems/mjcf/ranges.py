@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from wakedeploy.gap.search.artefacts import Measured, Sizes
 from wakedeploy.gap.systems.mjcf.elements import Attribute, Elements
 from wakedeploy.gap.systems.system import Constant
 from wakedeploy.gap.wording import listed
@@ -19,7 +20,6 @@ _RULED_OUT = 3.0  # standard errors between a stated value and the logs'
 _AS_WRITTEN = 1e-5  # share by which a template's six digits differ from the file
 _IN_HALF = 1.645  # standard errors in half an interval of 90 %
 
-Told = Mapping[str, Any]
 Key = tuple[str, str, str]
 
 
@@ -45,18 +45,23 @@ class Range:
         """Its place in the file."""
         return self.element, self.name, self.attribute
 
-    def plus(self, size: Told, factor: float = 1.0) -> "Range":
+    @property
+    def size(self) -> Measured:
+        """The value with its interval."""
+        return Measured(value=self.nominal, low=self.low, high=self.high, unit=self.unit)
+
+    def plus(self, size: Measured, factor: float = 1.0) -> "Range":
         """The same with a found value on top, its interval with it."""
-        low, high = sorted(factor * float(size[k]) for k in ("low", "high"))
-        nominal = self.nominal + factor * float(size["value"])
+        low, high = sorted((factor * size.low, factor * size.high))
+        nominal = self.nominal + factor * size.value
         return replace(
             self, nominal=nominal, low=self.low + low, high=self.high + high, stated=None
         )
 
-    def times(self, size: Told) -> "Range":
+    def times(self, size: Measured) -> "Range":
         """The same times a found factor, its interval with it."""
-        ends = [end * float(size[k]) for end in (self.low, self.high) for k in ("low", "high")]
-        nominal = self.nominal * float(size["value"])
+        ends = [end * factor for end in (self.low, self.high) for factor in (size.low, size.high)]
+        nominal = self.nominal * size.value
         return replace(self, nominal=nominal, low=min(ends), high=max(ends), stated=None)
 
     def row(self) -> dict[str, Any]:
@@ -80,7 +85,7 @@ class Found:
     """An effect that was named, `kind@port`, and its parameters with their intervals."""
 
     name: str
-    parameters: Told
+    parameters: Sizes
 
     @property
     def kind(self) -> str:
@@ -111,7 +116,7 @@ class Fitted:
         found = self.ranges.get((element, name, attribute))
         return otherwise if found is None else found.nominal
 
-    def add(self, start: Range, size: Told, factor: float = 1.0) -> None:
+    def add(self, start: Range, size: Measured, factor: float = 1.0) -> None:
         """A found value on top of what is there, which `start` is at first."""
         self.ranges[start.key] = self.ranges.get(start.key, start).plus(size, factor)
 
@@ -120,22 +125,22 @@ class Fitted:
         self.following[element, name, attribute] = Following(element, name, attribute, values)
 
 
-def add_constants(written: Fitted, constants: Mapping[str, Constant], told: Told) -> None:
+def add_constants(written: Fitted, constants: Mapping[str, Constant], fitted: Sizes) -> None:
     """As fitted, or as stated where that is exact and not what the file has."""
     doubted = []
     for name, attribute in written.elements.attributes.items():
         constant = constants.get(name)
-        if name in told:
-            fit = _plain(attribute, told[name]["unit"]).plus(told[name])
-            one = fit if constant is None else _with_stated(fit, constant)
-            if constant is not None and not one.low <= _stated(one) <= one.high:
-                written.said.append(_contradicted(name, one, constant))
-            elif (one.low, one.high) != (fit.low, fit.high):
+        if name in fitted:
+            by_logs = _plain(attribute, fitted[name].unit).plus(fitted[name])
+            known = by_logs if constant is None else _with_stated(by_logs, constant)
+            if constant is not None and not known.low <= _stated(known) <= known.high:
+                written.said.append(_contradicted(name, known, constant))
+            elif (known.low, known.high) != (by_logs.low, by_logs.high):
                 doubted.append(name)
-            written.ranges[one.key] = one
+            written.ranges[known.key] = known
         elif constant is not None and not _is_as_written(constant, attribute):
-            one, value = _plain(attribute, attribute.unit), constant.value
-            written.ranges[one.key] = replace(one, nominal=value, low=value, high=value)
+            exact, value = _plain(attribute, attribute.unit), constant.value
+            written.ranges[exact.key] = replace(exact, nominal=value, low=value, high=value)
     if doubted:
         written.said.append(
             f"{RANGES} reaches to the stated value of {listed(doubted)}: the logs prefer another, "
@@ -152,26 +157,26 @@ def _with_stated(fit: Range, constant: Constant) -> Range:
     value = constant.value
     if not 0.0 < constant.spread < math.inf:
         return fit
-    one = replace(fit, stated=value)
+    known = replace(fit, stated=value)
     if _is_ruled_out(fit, value):
-        return one
-    return replace(one, low=min(one.low, value), high=max(one.high, value))
+        return known
+    return replace(known, low=min(known.low, value), high=max(known.high, value))
 
 
-def _stated(one: Range) -> float:
-    return one.nominal if one.stated is None else one.stated
+def _stated(known: Range) -> float:
+    return known.nominal if known.stated is None else known.stated
 
 
-def _is_ruled_out(one: Range, stated: float) -> bool:
-    half = one.high - one.nominal if stated > one.nominal else one.nominal - one.low
-    return abs(stated - one.nominal) > _RULED_OUT / _IN_HALF * half
+def _is_ruled_out(fit: Range, stated: float) -> bool:
+    half = fit.high - fit.nominal if stated > fit.nominal else fit.nominal - fit.low
+    return abs(stated - fit.nominal) > _RULED_OUT / _IN_HALF * half
 
 
-def _contradicted(name: str, one: Range, constant: Constant) -> str:
-    known = f"{constant.value:.4g} ± {constant.spread:.2g} {one.unit}"
+def _contradicted(name: str, known: Range, constant: Constant) -> str:
+    stated = f"{constant.value:.4g} ± {constant.spread:.2g} {known.unit}"
     return (
-        f"{name} is stated as {known}, and the logs rule that out: {RANGES} has {one.low:.4g} to "
-        f"{one.high:.4g}; look at the statement again."
+        f"{name} is stated as {stated}, and the logs rule that out: {RANGES} has {known.low:.4g} "
+        f"to {known.high:.4g}; look at the statement again."
     )
 
 

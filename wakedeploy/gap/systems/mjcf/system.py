@@ -8,13 +8,16 @@ import importlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco, read_elements
 from wakedeploy.gap.systems.system import FloatArray, Point, System
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.search.artefacts import Answer
 
 _STEP_S = 2.0**-14  # a power of two: dividing by it loses nothing
 _FARTHEST, _STRONGEST = 1e4, 1e6  # states, forces: MuJoCo would warn of a point beyond
@@ -75,10 +78,10 @@ class MjcfSystem(System):
         later = [*(j.speed for j in joints), *(a.state for a in acting)]
         return first | {name: rates[..., len(joints) + i] for i, name in enumerate(later)}
 
-    def export(self, answer: Mapping[str, Any], out: Path) -> list[str]:
+    def export(self, answer: "Answer", out: Path) -> list[str]:
         """An answer as a corrected MJCF with ranges, in a folder; sentences about what is there.
 
-        `answer` is the content of `name.json`, as `json.loads` reads it.
+        `answer` is the artefact that name.json holds; a `Gap`'s `result` has all of it, too.
         """
         from wakedeploy.gap.systems.mjcf.corrected import write_corrected
 

@@ -16,7 +16,6 @@ from wakedeploy.core.rig_sections import Repeatability
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.reference.spread import (
@@ -26,6 +25,7 @@ from wakedeploy.gap.systems.gantry.reference.spread import (
     variation,
     without,
 )
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.naming import may_be_nothing
 from wakedeploy.gap.systems.gantry.search.refitting import reduced, refitted
 from wakedeploy.gap.systems.gantry.varying import SAG, Varying, varying
@@ -33,9 +33,7 @@ from wakedeploy.gap.systems.gantry.varying import SAG, Varying, varying
 # What flights may have of their own, before they are looked at: so loose that it says nothing.
 LOOSE = Repeatability(thrust=0.03, sag_per_s=0.003, bias_m=0.01)
 FREEDOMS = ("crosswind-offset", "battery-sag", "wake-decay")  # that no calibration measures
-SURE = 0.95  # of an interval that holds "nothing"
 _FIRST_TURNS = 2
-ODD = 0.01  # a flight is unlike the others where chance makes one so far away less often
 _FIELDS = {"thrust.sufferer.scale": "thrust", SAG: "sag_per_s", "range.bias_m": "bias_m"}
 
 
@@ -122,7 +120,7 @@ def odd_flights(
         tried = len(remaining) * len(quantities)
         each = [_farthest(quantity, deviations, remaining, tried) for quantity in quantities]
         oddest = min(each, key=lambda o: o.p_value)
-        if oddest.p_value > ODD:
+        if oddest.p_value > RULES.odd_p:
             break
         found.append(oddest)
     return tuple(found)
@@ -156,7 +154,7 @@ def _settled(first: Reference) -> Reference:
     names = tuple(n for n in FREEDOMS if n not in {e.name for e in first.rig.effect})
     start = extended(base, near.free(names))
     model, fitted = refitted(near, fit(near, names, base.episodes, start))
-    idle = [name for name in names if may_be_nothing(fitted, name, SURE)]
+    idle = [name for name in names if may_be_nothing(fitted, name, RULES.nothing_level)]
     if idle:
         rest = tuple(n for n in names if n not in idle)
         model, fitted = reduced(model, fitted, rest)

@@ -14,9 +14,9 @@ from scipy.stats import chi2
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.fits import FloatArray
+from wakedeploy.gap.systems.gantry.rules import RULES
 
 LEVEL = 0.9
-SURELY = 0.05  # a variation that chance makes more often than this is none
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Variation:
     @property
     def is_sure(self) -> bool:
         """Whether the flights differ by more than their errors."""
-        return self.p_value < SURELY
+        return self.p_value < RULES.variation_p
 
 
 def variation(values: FloatArray, errors: FloatArray) -> Variation:

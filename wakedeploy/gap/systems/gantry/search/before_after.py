@@ -43,8 +43,6 @@ _BLOCK_S = 2.0
 _BINS = 8
 _TRACE_S = 10.0
 _MOST_MAPS = 6
-_USED_NATS = 0.5  # gained where it was fitted
-_STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +181,7 @@ def _errors(shown: Shown, horizon_s: float) -> list[FloatArray]:
         number = np.floor((ahead.at_s - ahead.at_s[0]) / _BLOCK_S)
         known = np.isfinite(error)
         usual = float(np.median(np.abs(error[known]))) if known.any() else 0.0
-        known &= np.abs(np.nan_to_num(error)) < _STRAY * 1.4826 * usual
+        known &= np.abs(np.nan_to_num(error)) < RULES.stray * 1.4826 * usual
         blocks += [error[known & (number == n)] for n in np.unique(number)]
     return [b for b in blocks if len(b)]
 
@@ -315,7 +313,7 @@ def wrong_effects(
     related = {r for effect in known for r in effect.confused_with}
     related |= {n for n, effect in LIBRARY.items() if claimed & set(effect.confused_with)}
     others = [t for t in tried if t.name not in claimed | related]
-    others = [t for t in others if t.fitted_gain > _USED_NATS] or others
+    others = [t for t in others if t.fitted_gain > RULES.used_nats] or others
     wanted = sum(len(LIBRARY[n].parameters) for n in hypothesis if n in LIBRARY) or 1
     return [t for t in others if len(LIBRARY[t.name].parameters) == min(wanted, 2)] or others
 

@@ -35,6 +35,7 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray, Hypothesis, Model, ext
 from wakedeploy.gap.evidence.inference import fit, held_out
 from wakedeploy.gap.evidence.ranking import Candidate, rank
 from wakedeploy.gap.systems.gantry import findings
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expression_terms import (
     TERMS,
     is_wave_in_time,
@@ -54,7 +55,6 @@ _MOST_WAVES = 25  # of those of one round, so many are tried in the next
 _SURELY = (
     3.0  # times what a term must gain, by the standard error: no refit without the term is needed
 )
-_EQUAL_NATS = 1.0  # the shorter of two terms so close is taken
 
 Rank = Callable[[Model, Fit, Sequence[str]], list[Candidate]]
 _ranked: Rank = functools.partial(rank, released=False)  # a term moves no calibrated constant
@@ -251,7 +251,7 @@ class _Search:
             rival = free[int(promises(self._model, smaller, free).argmax())]
             best = self._rank(self._model, smaller, [rival])[0]
             present = held_out(smaller, self.current)
-            if best.gain_nats > float(present.sum()) + _EQUAL_NATS:
+            if best.gain_nats > float(present.sum()) + RULES.shorter_nats:
                 del self.chosen[name]
                 self.chosen = {rival: rivals, **self.chosen}
                 self.current = best.fit
@@ -297,7 +297,7 @@ class _Search:
 def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce]) -> Candidate:
     """Of the candidates that gain nearly as much as the best, the one with the fewest parts."""
     best = max(c.gain_nats for c in ranked)
-    equal = [c for c in ranked if c.gain_nats > best - _EQUAL_NATS]
+    equal = [c for c in ranked if c.gain_nats > best - RULES.shorter_nats]
     return min(equal, key=lambda c: (len(list(nodes(terms[c.name].formula.root))), -c.gain_nats))
 
 

@@ -28,7 +28,6 @@ from wakedeploy.gap.systems.gantry.search.refitting import reduced
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found
 
 BLOCKS_S: Mapping[float, float] = {0.25: 2.0, 1.0: 4.0}  # horizon: length of a block
-_STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 
 @dataclass(frozen=True)
@@ -202,8 +201,8 @@ def removed(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> Remove
         return Removed(0.0, -np.inf, np.inf)
     old, new = (np.concatenate(list(blocks)) for blocks in (before, after))
     usual = 1.4826 * float(np.median(np.abs(old[known])))
-    known &= (np.abs(np.nan_to_num(old)) < _STRAY * usual) | (
-        np.abs(np.nan_to_num(new)) < _STRAY * usual
+    known &= (np.abs(np.nan_to_num(old)) < RULES.stray * usual) | (
+        np.abs(np.nan_to_num(new)) < RULES.stray * usual
     )
     number = np.repeat(np.arange(len(before)), [len(b) for b in before])
     gone = np.where(known, np.nan_to_num(old) ** 2 - np.nan_to_num(new) ** 2, 0.0)

@@ -35,7 +35,6 @@ from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
 
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
-_LONG_TERMS = 3  # an expression of so many is believed only after effects were tried in pairs
 _CONTENDING_NATS = 12.0  # behind the best, a candidate may yet gain more around its own motion
 _MOST_CONTENDERS = 4
 
@@ -101,7 +100,7 @@ def name_effects(
     progress("looking for what no effect explains")
     beyond = searched.expression(model, current)
     unknown, rest = _rest(searched.base_model, base, current, beyond, thresholds)
-    if unknown is not None and len(unknown.terms) >= _LONG_TERMS:
+    if unknown is not None and len(unknown.terms) >= RULES.long_terms:
         progress("trying effects in pairs")
         pair = _pair_instead(searched, unknown, thresholds)
         if pair is not None:

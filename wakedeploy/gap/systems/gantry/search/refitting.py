@@ -11,12 +11,12 @@ from wakedeploy.gap.evidence.fits import Fit, Hypothesis
 from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expressions import Symbolic, symbolic_of
 from wakedeploy.physics.effects.chain import setting_of
 
 STILL_NATS = 0.3  # a fit that gains less around a new motion has found its own
 _MOST_TURNS = 10
-_DROPPED_NATS = 1.0
 
 
 def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
@@ -46,7 +46,7 @@ def without_idle(
     model: GantryModel,
     current: Fit,
     among: Sequence[str] | None = None,
-    least_nats: float = _DROPPED_NATS,
+    least_nats: float = RULES.dropped_nats,
 ) -> tuple[GantryModel, Fit]:
     """Drop each effect (of those `among`, or of all) that gains too little beside the others."""
     for name in current.hypothesis if among is None else among:
