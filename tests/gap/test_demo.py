@@ -13,19 +13,19 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap import demo as story
 from wakedeploy.gap.report.demo_figure import Flown, draw_story
 from wakedeploy.gap.systems.gantry.folder import read_steps
+from wakedeploy.gap.systems.gantry.retraining import EitherRig, FlownAgain, TrackingError
 from wakedeploy.physics.effects.chain import Chain
 from wakedeploy.rig.file import read_rig
 
 
 def tracking(after=6.1):
-    def row(rmse):
-        return {"rmse": rmse, "low": None, "high": None, "per_flight": [rmse]}
+    def error(rmse):
+        return TrackingError(rmse, None, None, [rmse])
 
-    return {
-        "seeds": [1],
-        "pid": {"before": row(47.0), "after": row(46.0)},
-        "feedforward": {"before": row(10.4), "after": row(after)},
-    }
+    pid, feedforward = (
+        EitherRig(error(one), error(other)) for one, other in ((47.0, 46.0), (10.4, after))
+    )
+    return FlownAgain("mm", 20.0, [1], pid, feedforward)
 
 
 def flown():
@@ -86,16 +86,12 @@ def test_measured_flights_know_nothing_of_the_truth(tmp_path):
 )
 def test_the_demo_says_when_it_did_not_show_what_it_should(tmp_path, monkeypatch, named, after, ok):
     fabricate(tmp_path / "gap")
-    told = {
-        "verdict": "named",
-        "effects": [{"name": name} for name in named],
-        "tracking": tracking(after),
-        "picture": str(tmp_path / "x.png"),
-        "seconds": 1.0,
-    }
+    steps = read_steps(tmp_path / "gap")
+    effects = [steps.name.effects[0].model_copy(update={"name": name}) for name in named]
+    told = story.Story("named", effects, tracking(after), tmp_path / "x.png", 1.0)
     (tmp_path / "x.png").write_bytes(b"picture")
     story.believed_rig().write(tmp_path / "gap" / "rig.toml")
-    monkeypatch.setattr(story, "run", lambda *_, **__: told | {"ok": story.as_hidden(told)})
+    monkeypatch.setattr(story, "run", lambda *_, **__: told)
     done = CliRunner().invoke(
         demo, ["--out", str(tmp_path), "--figures", str(tmp_path / "figures")]
     )
@@ -122,7 +118,7 @@ def test_the_demo_replaces_nobodys_rig_file_or_flights(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_the_whole_story_in_short(tmp_path):
     told = story.run(tmp_path, story.QUICK)
-    assert told["ok"], told
+    assert told.ok, told
     found = read_rig(tmp_path / "gap" / "rig.toml")
     for name, hidden in story.hidden_values().items():
         assert Chain.of(found).values[name] == pytest.approx(hidden, abs=0.02)

@@ -1,7 +1,7 @@
 """`wakedeploy gap demo`: find, name and add the effect that the paper left out, and fly again."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -9,6 +9,10 @@ from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.output import print_table, write_json
 from wakedeploy.cli.workers import workers_option
 from wakedeploy.core.errors import CheckFailed
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.demo import Story
+    from wakedeploy.gap.systems.gantry.retraining import FlownAgain, TrackingError
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 
@@ -44,16 +48,16 @@ def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
     click.secho("A rig file whose motors follow at once; a gantry whose motors lag.", bold=True)
     with at_work(out), stages() as progress:
         shown = run(out, QUICK if quick else FULL, workers=workers, progress=progress)
-    write_json(out / "demo.json", shown)
+    write_json(out / "demo.json", shown.as_json())
     _tell(out, shown)
-    if figures is not None and shown["picture"]:
+    if figures is not None and shown.picture:
         figures.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(shown["picture"], figures / PICTURE)
-    if not shown["ok"]:
+        shutil.copyfile(shown.picture, figures / PICTURE)
+    if not shown.ok:
         raise CheckFailed("The demo did not show what it should; its report says what it found.")
 
 
-def _tell(out: Path, shown: dict[str, Any]) -> None:
+def _tell(out: Path, shown: "Story") -> None:
     """The account, the rig file's new lines, the tracking, and where to look."""
     from wakedeploy.gap.demo import effect_lines
     from wakedeploy.gap.report.phrases import place_words
@@ -70,29 +74,28 @@ def _tell(out: Path, shown: dict[str, Any]) -> None:
         click.secho(f"\nNew in {out / 'gap' / 'rig.toml'}", bold=True)
         click.echo(effect_lines(out / "gap" / "rig.toml"))
     click.echo()
-    if shown["tracking"]:
-        _tell_tracking(shown["tracking"])
-        click.echo(f"Picture: {shown['picture']}.")
-    click.echo(
-        f"Report: {out / 'gap' / 'report.html'}. The whole demo took {shown['seconds']:.0f} s."
+    if shown.tracking:
+        _tell_tracking(shown.tracking)
+        click.echo(f"Picture: {shown.picture}.")
+    click.echo(f"Report: {out / 'gap' / 'report.html'}. The whole demo took {shown.seconds:.0f} s.")
+
+
+def _tell_tracking(tracking: "FlownAgain") -> None:
+    flown = (
+        ("PID alone", tracking.pid),
+        ("PID and predicted wake force", tracking.feedforward),
     )
-
-
-def _tell_tracking(tracking: dict[str, Any]) -> None:
-    rows = []
-    for label, key in (("PID alone", "pid"), ("PID and predicted wake force", "feedforward")):
-        cells = [_millimetres(tracking[key][when]) for when in ("before", "after")]
-        rows.append([label, *cells])
+    rows = [[label, _millimetres(e.before), _millimetres(e.after)] for label, e in flown]
     print_table(
-        f"Altitude error on the gantry that lags, {len(tracking['seeds'])} flights that nothing was"
+        f"Altitude error on the gantry that lags, {len(tracking.seeds)} flights that nothing was"
         " fitted to",
         ["", "rig file as it was", "corrected rig file"],
         rows,
     )
 
 
-def _millimetres(row: dict[str, Any]) -> str:
-    if row["rmse"] is None:
+def _millimetres(error: "TrackingError") -> str:
+    if error.rmse is None:
         return "ended by a failsafe"
-    spread = "" if row["low"] is None else f" ({row['low']:.1f} to {row['high']:.1f})"
-    return f"{row['rmse']:.1f} mm{spread}"
+    spread = "" if error.low is None else f" ({error.low:.1f} to {error.high:.1f})"
+    return f"{error.rmse:.1f} mm{spread}"

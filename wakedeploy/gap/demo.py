@@ -8,19 +8,20 @@ import functools
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import finite
 from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.progress import Progress, StepsDone, quiet, uncounted
 from wakedeploy.gap.report.demo_figure import Flown, draw_story
-from wakedeploy.gap.systems.gantry.findings import Retraining
+from wakedeploy.gap.systems.gantry.findings import Effect, Retraining
 from wakedeploy.gap.systems.gantry.folder import read_steps
-from wakedeploy.gap.systems.gantry.retraining import Pilot, fly_both, retrain
+from wakedeploy.gap.systems.gantry.retraining import FlownAgain, Pilot, fly_both, retrain
 from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.rig.file import default_rig, read_rig
 
@@ -45,6 +46,40 @@ FULL = Size(flights=7, seconds=20.0, minutes=8.0, epochs=25, test_flights=6)
 QUICK = Size(flights=5, seconds=16.0, minutes=3.0, epochs=15, test_flights=2)
 
 
+@dataclass(frozen=True)
+class Story:
+    """What the demo came to: `demo.json`.
+
+    `tracking` and `picture` are None where no rig file was corrected.
+    """
+
+    verdict: str | None
+    effects: list[Effect]
+    tracking: FlownAgain | None
+    picture: Path | None
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether exactly the hidden effects were named and tracking got better with them."""
+        named = {effect.name for effect in self.effects}
+        if self.verdict != "named" or named != set(HIDDEN) or self.tracking is None:
+            return False
+        flown = self.tracking.feedforward
+        return (flown.after.rmse or math.inf) < (flown.before.rmse or math.inf)
+
+    def as_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return {
+            "verdict": self.verdict,
+            "tracking": self.tracking and asdict(self.tracking),
+            "picture": self.picture and str(self.picture),
+            "effects": [finite(e.model_dump(mode="json", by_alias=True)) for e in self.effects],
+            "ok": self.ok,
+            "seconds": round(self.seconds, 1),
+        }
+
+
 def world_rig() -> Rig:
     """What the virtual gantry is: the default rig, whose motors lag by 60 ms up and 100 ms down."""
     return default_rig()
@@ -65,14 +100,10 @@ def hidden_values() -> dict[str, float]:
     }
 
 
-def run(
-    out: Path, size: Size = FULL, *, workers: int = 2, progress: Progress = quiet
-) -> dict[str, Any]:
-    """Tell the whole story; returns `demo.json`'s content.
+def run(out: Path, size: Size = FULL, *, workers: int = 2, progress: Progress = quiet) -> Story:
+    """Tell the whole story.
 
-    `ok` is whether exactly the hidden effects were named, and tracking with the corrected rig is
-    better than before. Nothing after the flights looks at the world's rig until they are flown
-    again.
+    Nothing after the flights looks at the world's rig until they are flown again.
     """
     began = time.monotonic()
     rig_path = out / "rig.toml"
@@ -92,12 +123,12 @@ def run(
         )  # fmt: skip
 
     result = close(rig_path, logs, folder, workers=workers, progress=progress, retrain=retrained)
-    summary: dict[str, Any] = {"verdict": result.verdict, "tracking": None, "picture": None}
+    tracking = picture = None
     if read_steps(folder).add is not None:
-        summary |= _flown_again(out, read_rig(folder / "rig.toml"), size, workers, progress)
-    summary["effects"] = result.as_json()["effects"]
-    summary["ok"] = as_hidden(summary)
-    return summary | {"seconds": round(time.monotonic() - began, 1)}
+        tracking = _flown_again(out, read_rig(folder / "rig.toml"), size, workers, progress)
+        picture = out / PICTURE
+    seconds = time.monotonic() - began
+    return Story(result.verdict, list(result.effects), tracking, picture, seconds)
 
 
 def _refuse_foreign(rig_path: Path, logs: Sequence[Path]) -> None:
@@ -128,7 +159,7 @@ def _measured(job: tuple[Path, float, int]) -> None:
 
 def _flown_again(
     out: Path, corrected: Rig, size: Size, workers: int, progress: Progress
-) -> dict[str, Any]:
+) -> FlownAgain:
     """Tracking on the world that still hides the effect, and the picture."""
     folder = out / "gap"
     before = Pilot(believed_rig(), folder / "retrain" / "old.onnx")
@@ -142,7 +173,7 @@ def _flown_again(
     progress("drawing the story")
     old, new = (_example(pilot, seeds[0], size.seconds) for pilot in (before, after))
     draw_story(read_steps(folder), tracking, old, new, hidden_values(), out / PICTURE)
-    return {"tracking": tracking, "picture": str(out / PICTURE)}
+    return tracking
 
 
 def _example(pilot: Pilot, seed: int, seconds: float) -> Flown:
@@ -152,16 +183,6 @@ def _example(pilot: Pilot, seed: int, seconds: float) -> Flown:
     flying = log.flying
     error_mm = 1e3 * (log["true_z_m"] - log["z_ref_m"])[flying]
     return Flown(log["t_s"][flying] - log["t_s"][flying][0], error_mm)
-
-
-def as_hidden(summary: dict[str, Any]) -> bool:
-    """Whether exactly the hidden effects were named and tracking got better with them."""
-    named: Sequence[Any] = summary["effects"]
-    if summary["verdict"] != "named" or {effect["name"] for effect in named} != set(HIDDEN):
-        return False
-    flown = summary["tracking"]["feedforward"]
-    before, after = flown["before"]["rmse"] or math.inf, flown["after"]["rmse"] or math.inf
-    return bool(after < before)
 
 
 def effect_lines(rig_path: Path) -> str:

@@ -6,7 +6,7 @@ In: the steps' artefacts, the tracking, two flights, what was hidden. Out: a PNG
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +16,13 @@ from wakedeploy.gap.report.maps import AFTER, BEFORE
 from wakedeploy.gap.search.artefacts import Map
 from wakedeploy.gap.systems.gantry.artefacts import Find, Name, Show, Traces
 from wakedeploy.gap.systems.gantry.folder import StepArtefacts
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.wording import numbers, quantity, scale_of, signs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from wakedeploy.gap.systems.gantry.retraining import FlownAgain, TrackingError
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,7 +30,6 @@ _SIZE_IN = (9.6, 6.4)
 _RANKED = 7
 _SHOWN_S = 16.0  # of the example flights, once the source has started
 _FROM_S = 2.0
-_STRAY = 6.0
 _FORECAST = "height 0.25 s ahead"
 _HEADLINE = "The rig file said that motors follow their command at once. In flight they do not."
 
@@ -42,7 +44,7 @@ class Flown:
 
 def draw_story(
     steps: StepArtefacts,
-    tracking: Mapping[str, Any],
+    tracking: "FlownAgain",
     before: Flown,
     after: Flown,
     truth: Mapping[str, float],
@@ -167,18 +169,21 @@ def _show(axes: "Axes", show: Show, traces: Traces) -> None:
 def _without_strays(error_mm: FloatArray) -> FloatArray:
     """Readings that strayed left out, as they are where the gap is measured."""
     usual = 1.4826 * float(np.nanmedian(np.abs(error_mm)))
-    return np.where(np.abs(error_mm) < _STRAY * usual, error_mm, np.nan)
+    return np.where(np.abs(error_mm) < RULES.stray * usual, error_mm, np.nan)
 
 
-def _fly(axes: "Axes", tracking: Mapping[str, Any], before: Flown, after: Flown) -> None:
+def _fly(axes: "Axes", tracking: "FlownAgain", before: Flown, after: Flown) -> None:
     """The same flight on the gantry that still lags, with either rig file and predictor."""
-    rows = tracking["feedforward"]
-    for flown, key, colour in ((before, "before", BEFORE), (after, "after", AFTER)):
+    rows = tracking.feedforward
+    for flown, key, error, colour in (
+        (before, "before", rows.before, BEFORE),
+        (after, "after", rows.after, AFTER),
+    ):
         seen = (flown.at_s >= _FROM_S) & (flown.at_s < _FROM_S + _SHOWN_S)
-        label = f"{key}: {_millimetres(rows[key])} rms"
+        label = f"{key}: {_millimetres(error)} rms"
         axes.plot(flown.at_s[seen] - _FROM_S, flown.error_mm[seen], color=colour, lw=1.5,
                   label=label)  # fmt: skip
-    alone = _millimetres(tracking["pid"]["after"])
+    alone = _millimetres(tracking.pid.after)
     axes.plot([], [], " ", label=f"without predictor: {alone}")
     axes.axhline(0.0, color=figures.REFERENCE, lw=0.7)
     axes.set_xlim(0.0, _SHOWN_S)
@@ -193,5 +198,5 @@ def _titled(axes: "Axes", step: str, what: str) -> None:
     axes.set_title(f"{step}: {what}", loc="left", fontsize=9.5)
 
 
-def _millimetres(row: Mapping[str, Any]) -> str:
-    return quantity(1e-3 * row["rmse"], "m") if row["rmse"] is not None else "a failsafe"
+def _millimetres(error: "TrackingError") -> str:
+    return quantity(1e-3 * error.rmse, "m") if error.rmse is not None else "a failsafe"

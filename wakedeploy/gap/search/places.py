@@ -10,14 +10,13 @@ and Hochberg 1995).
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Place
+from wakedeploy.gap.search.artefacts import Map, Place
 from wakedeploy.gap.wording import signs
 
 IntArray = npt.NDArray[np.int64]
@@ -58,7 +57,7 @@ class Axes:
 
 def disagreements(
     series: Mapping[str, Sequence[Residuals]], axes: Axes, least: Mapping[str, float] | None = None
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+) -> tuple[list[Map], list[Place]]:
     """Maps of every channel's residuals, and the places that stand out of them.
 
     A place counts from the size `least` of its channel on, in its unit; a channel without one
@@ -66,27 +65,27 @@ def disagreements(
     shuffles, innovations after the other channels.
     """
     maps = [m for each in series.values() for m in _maps(each, axes)]
-    for m, q in zip(maps, q_values([m["p_value"] for m in maps]), strict=True):
-        m["q_value"] = q
-    maps.sort(key=lambda m: (m["q_value"], -m["clarity"]))
-    found = [p for m in maps if m["q_value"] <= RULES.false_discoveries for p in _places(m)]
+    of_all = q_values([m.p_value for m in maps])
+    maps = [m.model_copy(update={"q_value": q}) for m, q in zip(maps, of_all, strict=True)]
+    maps.sort(key=lambda m: (m.q_value, -m.clarity))
+    found = [p for m in maps if m.q_value <= RULES.false_discoveries for p in _places(m)]
     return maps, _ranked(found, dict(least or {}))
 
 
-def _ranked(places: Sequence[dict[str, Any]], limits: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Places beyond their channel's limit, the most significant first; see `find_places`.
+def _ranked(places: Sequence[Place], limits: Mapping[str, float]) -> list[Place]:
+    """Places beyond their channel's limit, the most significant first.
 
     Innovations know of no force and no millimetre: they stand behind what does, and crowd out none.
     """
 
-    def key(place: Mapping[str, Any]) -> tuple[float, bool, float, float]:
-        white = place["channel"] == INNOVATION
-        return place["q_value"], white, -place["clarity"], -abs(place["residual"])
+    def key(place: Place) -> tuple[float, bool, float, float]:
+        white = place.channel == INNOVATION
+        return place.q_value, white, -place.clarity, -abs(place.residual)
 
-    beyond = [p for p in places if abs(p["residual"]) > limits.get(p["channel"], 0.0)]
+    beyond = [p for p in places if abs(p.residual) > limits.get(p.channel, 0.0)]
     beyond.sort(key=key)
-    physical = [p for p in beyond if p["channel"] != INNOVATION][:_MOST_PLACES]
-    white = [p for p in beyond if p["channel"] == INNOVATION][:_MOST_OF_INNOVATIONS]
+    physical = [p for p in beyond if p.channel != INNOVATION][:_MOST_PLACES]
+    white = [p for p in beyond if p.channel == INNOVATION][:_MOST_OF_INNOVATIONS]
     return sorted([*physical, *white], key=key)
 
 
@@ -101,8 +100,11 @@ def q_values(p: Sequence[float]) -> list[float]:
     return [float(v) for v in result]
 
 
-def _maps(series: Sequence[Residuals], axes: Axes) -> list[dict[str, Any]]:
-    """A channel's maps over every coordinate that varies, and its mean over all places."""
+def _maps(series: Sequence[Residuals], axes: Axes) -> list[Map]:
+    """A channel's maps over every coordinate that varies, and its mean over all places.
+
+    Their q values are not known before those of all other channels.
+    """
     length = block_length(series, axes)
     rng = np.random.default_rng([len(s.value) for s in series])
     orders = _orders([len(s.value) for s in series], length, rng)
@@ -118,7 +120,7 @@ def block_length(series: Sequence[Residuals], axes: Axes) -> int:
 
 def _map(
     series: Sequence[Residuals], name: str, length: int, orders: Orders, axes: Axes
-) -> dict[str, Any] | None:
+) -> Map | None:
     """Mean residual in bins of one coordinate, with a permutation test of "depends on it"."""
     unit, exogenous = axes.coordinates[name]
     coordinate = np.concatenate([s.coordinates[name] for s in series])
@@ -146,22 +148,23 @@ def _map(
     visits = np.array(
         [np.bincount(bins[b][bins[b] >= 0], minlength=len(edges) - 1) for b in blocks]
     )
-    return {
-        "channel": series[0].channel,
-        "coordinate": name,
-        "exogenous": exogenous,
-        "unit": axes.channels[series[0].channel],
-        "coordinate_unit": unit,
-        "edges": edges.tolist(),
-        "mean": means.tolist(),
-        "low": (means - 1.645 * errors).tolist(),
-        "high": (means + 1.645 * errors).tolist(),
-        "count": counts.tolist(),
-        "blocks": (visits > 0).sum(0).tolist(),
-        "p_value": p_value,
-        "clarity": clarity,
-        "strength": strength / max(_mean_square(centred) * len(value), 1e-300),
-    }
+    return Map(
+        channel=series[0].channel,
+        coordinate=name,
+        exogenous=exogenous,
+        unit=axes.channels[series[0].channel],
+        coordinate_unit=unit,
+        edges=edges.tolist(),
+        mean=means.tolist(),
+        low=(means - 1.645 * errors).tolist(),
+        high=(means + 1.645 * errors).tolist(),
+        count=counts.tolist(),
+        blocks=(visits > 0).sum(0).tolist(),
+        p_value=p_value,
+        q_value=math.nan,
+        clarity=clarity,
+        strength=strength / max(_mean_square(centred) * len(value), 1e-300),
+    )
 
 
 def _judged(strength: float, shuffled: FloatArray) -> tuple[float, float]:
@@ -193,7 +196,7 @@ def _between_episodes(value: FloatArray, bins: IntArray, series: Sequence[Residu
     return np.array(shuffled)
 
 
-def _everywhere(series: Sequence[Residuals], length: int, axes: Axes) -> dict[str, Any]:
+def _everywhere(series: Sequence[Residuals], length: int, axes: Axes) -> Map:
     """The mean over all places, against the spread of its blocks (each block's sign flipped).
 
     It asks whether these flights as a whole are off by more than noise, so a flight's own mean
@@ -205,21 +208,22 @@ def _everywhere(series: Sequence[Residuals], length: int, axes: Axes) -> dict[st
     flips = rng.choice([-1.0, 1.0], size=(_PERMUTATIONS, len(sums)))
     p_value, clarity = _judged(float(sums.sum()) ** 2, np.asarray((flips @ sums) ** 2))
     mean, error = float(value.mean()), float(np.sqrt((sums**2).sum()) / len(value))
-    return {
-        "channel": series[0].channel,
-        "coordinate": "everywhere",
-        "exogenous": True,
-        "unit": axes.channels[series[0].channel],
-        "coordinate_unit": "",
-        "edges": [0.0, 1.0],
-        "mean": [mean],
-        "low": [mean - 1.645 * error],
-        "high": [mean + 1.645 * error],
-        "count": [len(value)],
-        "p_value": p_value,
-        "clarity": clarity,
-        "strength": mean**2 / _mean_square(value) if len(value) else 0.0,
-    }
+    return Map(
+        channel=series[0].channel,
+        coordinate="everywhere",
+        exogenous=True,
+        unit=axes.channels[series[0].channel],
+        coordinate_unit="",
+        edges=[0.0, 1.0],
+        mean=[mean],
+        low=[mean - 1.645 * error],
+        high=[mean + 1.645 * error],
+        count=[len(value)],
+        p_value=p_value,
+        q_value=math.nan,
+        clarity=clarity,
+        strength=mean**2 / _mean_square(value) if len(value) else 0.0,
+    )
 
 
 def blocks_of(series: Sequence[Residuals], length: int) -> list[IntArray]:
@@ -289,9 +293,9 @@ def bin_means(
     return means, np.sqrt(square) / np.maximum(number, 1.0), number
 
 
-def _places(m: dict[str, Any]) -> list[dict[str, Any]]:
+def _places(m: Map) -> list[Place]:
     """Runs of neighbouring bins that clearly deviate to the same side."""
-    mean, low, high = (np.array(m[k]) for k in ("mean", "low", "high"))
+    mean, low, high = (np.array(values) for values in (m.mean, m.low, m.high))
     error = (high - low) / (2 * 1.645)
     side = np.where(np.abs(mean) > _CLEAR_SE * error, np.sign(mean), 0.0)
     if not side.any():
@@ -303,44 +307,42 @@ def _places(m: dict[str, Any]) -> list[dict[str, Any]]:
         if side[start] != 0.0:
             places.append(_place(m, mean, start, end))
         start = end
-    return sorted(places, key=lambda p: -abs(p["residual"]))[:2]
+    return sorted(places, key=lambda p: -abs(p.residual))[:2]
 
 
-def _place(m: dict[str, Any], mean: FloatArray, start: int, end: int) -> dict[str, Any]:
-    count = np.array(m["count"])[start:end]
+def _place(m: Map, mean: FloatArray, start: int, end: int) -> Place:
+    count = np.array(m.count)[start:end]
     residual = float((mean[start:end] * count).sum() / max(count.sum(), 1))
-    low, high = m["edges"][start], m["edges"][end]
+    low, high = m.edges[start], m.edges[end]
     first, last = start == 0, end == len(mean)
-    return {
-        "channel": m["channel"],
-        "coordinate": m["coordinate"],
-        "exogenous": m["exogenous"],
-        "low": low,
-        "high": high,
-        "residual": residual,
-        "unit": m["unit"],
-        "coordinate_unit": m["coordinate_unit"],
-        "q_value": m["q_value"],
-        "clarity": m["clarity"],
-        "words": _words(m, low, high, residual, first, last),
-    }
+    return Place(
+        channel=m.channel,
+        coordinate=m.coordinate,
+        exogenous=m.exogenous,
+        low=low,
+        high=high,
+        residual=residual,
+        unit=m.unit,
+        coordinate_unit=m.coordinate_unit,
+        q_value=m.q_value,
+        clarity=m.clarity,
+        words=_words(m, low, high, residual, first, last),
+    )
 
 
-def _words(
-    m: dict[str, Any], low: float, high: float, residual: float, first: bool, last: bool
-) -> str:
-    unit = f" {signs(m['coordinate_unit'])}" if m["coordinate_unit"] else ""
-    if m["coordinate"] == "everywhere" or (first and last):
+def _words(m: Map, low: float, high: float, residual: float, first: bool, last: bool) -> str:
+    unit = f" {signs(m.coordinate_unit)}" if m.coordinate_unit else ""
+    if m.coordinate == "everywhere" or (first and last):
         where = "everywhere"
     elif first:
-        where = f"{m['coordinate']} below {_short(high)}{unit}"
+        where = f"{m.coordinate} below {_short(high)}{unit}"
     elif last:
-        where = f"{m['coordinate']} above {_short(low)}{unit}"
+        where = f"{m.coordinate} above {_short(low)}{unit}"
     else:
-        where = f"{m['coordinate']} {_short(low)} to {_short(high)}{unit}"
-    size = f"{1e3 * residual:+.1f} mm" if m["unit"] == "m" else f"{residual:+.2g} {m['unit']}"
+        where = f"{m.coordinate} {_short(low)} to {_short(high)}{unit}"
+    size = f"{1e3 * residual:+.1f} mm" if m.unit == "m" else f"{residual:+.2g} {m.unit}"
     size = size.replace("-", "−")  # a minus sign, as in the report's own numbers
-    return f"{where}: {size} ({m['channel']}), q = {m['q_value']:.3f}"
+    return f"{where}: {size} ({m.channel}), q = {m.q_value:.3f}"
 
 
 def _short(value: float) -> str:

@@ -19,12 +19,9 @@ from wakedeploy.gap.search.artefacts import (
     Effect,
     Error,
     Forecast,
-    Map,
-    Place,
     Placebo,
     Quantity,
     Round,
-    Shown,
     Size,
     Sizes,
     White,
@@ -52,8 +49,8 @@ def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
         key=key,
         episodes=[r.name for r in model.records],
         sealed=[model.records[e].name for e in model.sealed()],
-        where=[Place(**place) for place in places],
-        maps=[Map(**error_map) for error_map in maps],
+        where=places,
+        maps=maps,
         constants=_constants(base),
         theta=theta_of(base),
     )
@@ -124,7 +121,7 @@ def before_after(
         },
         removed=Forecast(**asdict(removed)),
         white=WhitePair(before=_white(base), after=_white(found)),
-        shown=Shown(**profiles(model, base, found, sealed)),
+        shown=profiles(model, base, found, sealed),
         forecast_s=forecast_s,
     )
 

@@ -10,6 +10,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.systems.gantry.retraining import (
     Pilot,
+    TrackingError,
     fly_both,
     retrain,
     rms_over_flights,
@@ -79,23 +80,22 @@ def test_an_unknown_architecture_is_refused(tmp_path):
 
 def test_both_pilots_fly_the_hidden_effect_with_their_own_rig():
     flown = fly_both(TRUTH, Pilot(OLD), Pilot(TRUTH), [4, 5], seconds=4.0, workers=2)
-    for name, rig in (("before", OLD), ("after", TRUTH)):
+    for when, rig in (("before", OLD), ("after", TRUTH)):
         alone = [
             1e3 * record(TRUTH, seconds=4.0, seed=s, model_rig=rig).tracking_rmse_m("true_z_m")
             for s in (4, 5)
         ]
-        row = flown["pid"][name]
-        assert row["per_flight"] == alone == flown["feedforward"][name]["per_flight"]
-        assert row["rmse"] == pytest.approx(np.mean(alone))
-        assert row["low"] < row["rmse"] < row["high"]
+        error = getattr(flown.pid, when)
+        assert error.per_flight == alone == getattr(flown.feedforward, when).per_flight
+        assert error.rmse == pytest.approx(np.mean(alone))
+        assert error.low < error.rmse < error.high
 
 
 def test_a_flight_that_a_failsafe_ends_has_no_error():
     light = TRUTH.changed(sufferer={"mass_kg": 0.1})  # rises above the limit under hover's thrust
     assert "FAILSAFE" in record(light, seconds=8.0, seed=4, model_rig=TRUTH)["mode"]
     flown = fly_both(light, Pilot(TRUTH), Pilot(TRUTH), [4], seconds=8.0, workers=1)
-    row = flown["pid"]["before"]
-    assert row == {"rmse": None, "low": None, "high": None, "per_flight": [None]}
+    assert flown.pid.before == TrackingError(None, None, None, [None])
 
 
 @pytest.mark.slow
@@ -123,5 +123,5 @@ def test_the_corrected_rig_makes_the_better_predictor(tmp_path):
         for name, rig in (("old", OLD), ("new", TRUTH))
     ]
     flown = fly_both(TRUTH, *pilots, [70, 71], seconds=12.0)
-    assert flown["feedforward"]["after"]["rmse"] < flown["feedforward"]["before"]["rmse"]
-    assert flown["feedforward"]["after"]["rmse"] < 0.3 * flown["pid"]["after"]["rmse"]
+    assert flown.feedforward.after.rmse < flown.feedforward.before.rmse
+    assert flown.feedforward.after.rmse < 0.3 * flown.pid.after.rmse

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +45,39 @@ class Pilot:
 
     rig: Rig
     package: Path | None = None
+
+
+@dataclass(frozen=True)
+class TrackingError:
+    """Root mean square of the height error [mm] over flights, with its 90 % interval.
+
+    `rmse` is None where a failsafe ended a flight, and `per_flight` is so for that flight; one
+    flight has no interval.
+    """
+
+    rmse: float | None
+    low: float | None
+    high: float | None
+    per_flight: list[float | None]
+
+
+@dataclass(frozen=True)
+class EitherRig:
+    """With the rig as it was, and with the corrected one."""
+
+    before: TrackingError
+    after: TrackingError
+
+
+@dataclass(frozen=True)
+class FlownAgain:
+    """Flights of `seconds` on the same references and noise: PID alone, and with predictors."""
+
+    unit: str
+    seconds: float
+    seeds: list[int]
+    pid: EitherRig
+    feedforward: EitherRig
 
 
 def retrain(
@@ -118,25 +150,16 @@ def fly_both(
     seconds: float = FLIGHT_S,
     workers: int = 2,
     steps: StepsDone = uncounted,
-) -> dict[str, Any]:
+) -> FlownAgain:
     """Height error of either pilot on the plant `world`, which still hides the effect.
 
-    Both fly the same references and noise, with their packages and with PID alone. Returns
-    `{"unit": "mm", "seconds", "seeds", "pid": {"before", "after"}, "feedforward": {…}}`, each with
-    `rmse` (mean over flights, None when a failsafe ended one), its 90 % interval `low`, `high`
-    (None for one flight), and the flights' own errors `per_flight`.
+    Both fly the same references and noise, with their packages and with PID alone.
     """
     pilots = [Pilot(before.rig), Pilot(after.rig), before, after]
     jobs = [(world, pilot, seed, seconds) for pilot in pilots for seed in seeds]
     errors = parallel_map(_tracking_mm, jobs, workers=workers, steps=steps)
     rows = [_tracking(errors[i * len(seeds) : (i + 1) * len(seeds)]) for i in range(len(pilots))]
-    return {
-        "unit": "mm",
-        "seconds": seconds,
-        "seeds": list(seeds),
-        "pid": {"before": rows[0], "after": rows[1]},
-        "feedforward": {"before": rows[2], "after": rows[3]},
-    }
+    return FlownAgain("mm", seconds, list(seeds), EitherRig(*rows[:2]), EitherRig(*rows[2:]))
 
 
 @dataclass(frozen=True)
@@ -273,14 +296,13 @@ def _tracking_mm(job: tuple[Rig, Pilot, int, float]) -> float | None:
     return 1e3 * log.tracking_rmse_m("true_z_m")
 
 
-def _tracking(errors: Sequence[float | None]) -> dict[str, Any]:
+def _tracking(errors: Sequence[float | None]) -> TrackingError:
     known = [error for error in errors if error is not None]
-    row: dict[str, Any] = {"rmse": None, "low": None, "high": None, "per_flight": list(errors)}
     if not known or len(known) < len(errors):
-        return row
-    row["rmse"] = float(np.mean(known))
-    if len(known) > 1:
-        quantile = float(student.ppf(0.5 + LEVEL / 2.0, len(known) - 1))
-        half = quantile * float(np.std(known, ddof=1)) / math.sqrt(len(known))
-        row |= {"low": row["rmse"] - half, "high": row["rmse"] + half}
-    return row
+        return TrackingError(None, None, None, list(errors))
+    rmse = float(np.mean(known))
+    if len(known) == 1:
+        return TrackingError(rmse, None, None, list(errors))
+    quantile = float(student.ppf(0.5 + LEVEL / 2.0, len(known) - 1))
+    half = quantile * float(np.std(known, ddof=1)) / math.sqrt(len(known))
+    return TrackingError(rmse, rmse - half, rmse + half, list(errors))

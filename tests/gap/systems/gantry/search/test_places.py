@@ -233,7 +233,7 @@ def test_one_p_value_in_twenty_is_below_five_per_cent(monkeypatch, keep, apart) 
     p = []
     for seed in range(60):
         maps = finding._maps(null_series(np.random.default_rng([9, seed]), keep, apart), AXES)
-        p += [m["p_value"] for m in maps if m["coordinate"] != "everywhere"]
+        p += [m.p_value for m in maps if m.coordinate != "everywhere"]
     assert 0.03 < np.mean(np.array(p) <= 0.05) < 0.085
     assert 0.4 < np.mean(p) < 0.6
 
@@ -241,9 +241,9 @@ def test_one_p_value_in_twenty_is_below_five_per_cent(monkeypatch, keep, apart) 
 def test_the_mean_of_all_flights_has_a_true_p_value(monkeypatch) -> None:
     monkeypatch.setattr(finding, "_PERMUTATIONS", 199)
     p = [
-        finding._everywhere(null_series(np.random.default_rng([9, seed]), 0.6, 0.0), 24, AXES)[
-            "p_value"
-        ]
+        finding._everywhere(
+            null_series(np.random.default_rng([9, seed]), 0.6, 0.0), 24, AXES
+        ).p_value
         for seed in range(200)
     ]
     assert 0.02 < np.mean(np.array(p) <= 0.05) < 0.09

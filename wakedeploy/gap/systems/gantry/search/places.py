@@ -40,11 +40,9 @@ def find_places(
         channel: [residuals(model, base, channel, i) for i in range(model.episodes)]
         for channel in CHANNELS
     }
-    plain_maps, plain_places = disagreements(series, AXES, limits)
+    maps, places = disagreements(series, AXES, limits)
     white = [samples(score)[0] for score in base.slopes.scores]
     rest = whiteness(base)
-    maps = [Map(**each) for each in plain_maps]
-    places = [Place(**each) for each in plain_places]
     return Find(
         white=White(**rest.as_json(limit)),
         places=places,
