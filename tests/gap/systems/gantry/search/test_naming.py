@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ from recorded import RIG, SECONDS, based, changed, flown, with_effects
 
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.domains.gantry import record
+from wakedeploy.gap.evidence.fits import extended
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.progress import quiet
@@ -17,7 +19,7 @@ from wakedeploy.gap.systems.gantry.find_name_add_show import Case, _judged, find
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
-from wakedeploy.gap.systems.gantry.search import naming
+from wakedeploy.gap.systems.gantry.search import naming, refitting
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
 from wakedeploy.gap.systems.gantry.search.expressions import search
 from wakedeploy.gap.systems.gantry.search.naming import (
@@ -32,7 +34,11 @@ from wakedeploy.gap.systems.gantry.search.naming import (
 )
 from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round, Thresholds
 from wakedeploy.gap.systems.gantry.search.places import find_places
-from wakedeploy.gap.systems.gantry.search.refitting import expressed_by_own_motion, without_idle
+from wakedeploy.gap.systems.gantry.search.refitting import (
+    expressed_by_own_motion,
+    reduced,
+    without_idle,
+)
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
@@ -414,3 +420,25 @@ def test_the_artefacts_are_the_same_without_the_truth(tmp_path) -> None:
         found.pop("split")
         texts.append(json.dumps([found, named]))
     assert texts[0] == texts[1]
+
+
+def test_without_an_effect_the_constant_that_it_replaced_goes_on_from_its_value(
+    monkeypatch, nothing
+) -> None:
+    """From the rig file's value, under the noise that was fitted, a climb was 4,600 nats short."""
+
+    class Begun(Exception):
+        """Ends a fit, which takes half a minute, where it begins."""
+
+    def begun(model, hypothesis, episodes, start):
+        raise Begun(dict(zip([f.name for f in model.free(hypothesis)], start, strict=True)))
+
+    model, both = nothing.model, ("spool-lag-source", "transport-speed")
+    free = model.free(both)
+    theta = extended(nothing.base, free)
+    theta[[f.name for f in free].index("transport-speed.speed_mps")] = 4.3
+    found = replace(nothing.base, hypothesis=both, free=free, theta=theta)
+    monkeypatch.setattr(refitting, "fit", begun)
+    with pytest.raises(Begun) as told:
+        reduced(model, found, both[:1])
+    assert told.value.args[0]["wake.speed_mps"] == 4.3

@@ -5,9 +5,7 @@ In: a model and a fit. Out: the model around that fit's own motion, and everythi
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
-from wakedeploy.gap.evidence.fits import Fit, Hypothesis
+from wakedeploy.gap.evidence.fits import Fit, Hypothesis, extended
 from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
@@ -36,9 +34,12 @@ def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
 
 
 def reduced(model: GantryModel, current: Fit, rest: Hypothesis) -> tuple[GantryModel, Fit]:
-    """What is left of a hypothesis without some of its effects, refitted from where it stands."""
-    known = dict(zip(current.names, current.theta, strict=True))
-    start = np.array([known.get(f.name, f.neutral) for f in model.free(rest)])
+    """What is left of a hypothesis without some of its effects, refitted from where it stands.
+
+    A constant that one of these had replaced goes on from the effect's value: under noise that was
+    fitted with it, the way from the rig file's value may lead to no summit.
+    """
+    start = extended(current, model.free(rest))
     return refitted(model, fit(model, rest, current.episodes, start))
 
 
