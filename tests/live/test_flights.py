@@ -1,5 +1,6 @@
 """A folder of flights: listed from files or the cache, drawn, exported, and in a real browser."""
 
+import asyncio
 import json
 import os
 import threading
@@ -22,11 +23,13 @@ from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import record
 from wakedeploy.live import flights as module
-from wakedeploy.live.browse import Flights
+from wakedeploy.live.address import address_of
+from wakedeploy.live.browse import Flights, handlers
 from wakedeploy.live.events import events_of
 from wakedeploy.live.flight_data import flight_data
 from wakedeploy.live.flights import Index, cache_file, row_of
 from wakedeploy.live.replay import Replay
+from wakedeploy.live.web import application, bound, serve
 
 
 @pytest.fixture(scope="module")
@@ -178,6 +181,46 @@ def test_one_flight_is_read_once_however_many_ask_at_a_time(folder, monkeypatch)
     assert read == ["flight0.mcap"]
     assert flights.data("flight0.mcap") is flights.data("flight0.mcap")  # a failure is not kept
     assert len(read) == 2
+
+
+def test_flights_that_nobody_waits_for_any_longer_are_not_read(folder, tmp_path, monkeypatch):
+    """Who walks down a list by its keys waits for the last one, and for none on the way there."""
+    names = [f"{number}.mcap" for number in range(8)]
+    for name in names:
+        os.link(folder / "flight0.mcap", tmp_path / name)
+    read, may_end = [], threading.Event()
+
+    def slowly(path, name):
+        read.append(name)
+        assert may_end.wait(10.0)
+        return {"name": name}
+
+    async def asked(address, name):
+        reader, writer = await asyncio.open_connection(*address)
+        writer.write(
+            f"GET /api/flight?name={name} HTTP/1.1\r\nHost: 127.0.0.1:{address[1]}\r\n"
+            "Authorization: Bearer token\r\nConnection: close\r\n\r\n".encode()
+        )
+        await writer.drain()
+        return reader, writer
+
+    async def walked():
+        sockets, address = bound(address_of("127.0.0.1:0"))
+        here = sockets[0].getsockname()[:2]
+        app = application(address, "token", "browse.html", handlers(Flights(tmp_path, "token")))
+        serve(sockets, app)
+        everyone = [await asked(here, name) for name in names]
+        while len(read) < 2:
+            await asyncio.sleep(0.01)
+        for _, writer in everyone[:-1]:
+            writer.close()
+        await asyncio.sleep(0.2)  # for the server to hear of it
+        may_end.set()
+        return await everyone[-1][0].read()
+
+    monkeypatch.setattr("wakedeploy.live.browse.flight_data", slowly)
+    assert asyncio.run(walked()).endswith(b'[{"name":"7.mcap"}]')
+    assert sorted(read) == ["0.mcap", "1.mcap", "7.mcap"]
 
 
 @pytest.fixture(scope="module")

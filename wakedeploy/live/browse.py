@@ -23,6 +23,9 @@ from wakedeploy.live.flights import Index, reports_in
 from wakedeploy.live.web import Answer, application, bound, serve
 
 MOST_FLIGHTS = 2  # drawn over one another
+_AT_ONCE = (
+    2  # requests whose flights are read: behind a long one that nobody wants any more, another
+)
 _KINDS = {".html": "text/html; charset=utf-8", ".png": "image/png", ".svg": "image/svg+xml"}
 # Reports were made by somebody: they may draw themselves, and reach nothing of this server.
 _REPORT_POLICY = (
@@ -39,6 +42,7 @@ class Flights:
         self.index = Index(folder)
         self.reading = (0, 0)
         self.way = hmac.new(token.encode(), b"reports", hashlib.sha256).hexdigest()[:32]
+        self.turns = asyncio.Semaphore(_AT_ONCE)
         self._data: dict[tuple[str, int], Future[dict[str, Any]]] = {}
         self._lock = threading.Lock()
 
@@ -107,7 +111,11 @@ class _Told(Answer):
 
     def initialize(self, flights: Flights) -> None:
         """`flights` knows the folder."""
-        self.flights = flights
+        self.flights, self._is_gone = flights, False
+
+    def on_connection_close(self) -> None:
+        """Whoever asked has chosen something else."""
+        self._is_gone = True
 
     def prepare(self) -> None:
         """Only with the token."""
@@ -120,14 +128,21 @@ class _Told(Answer):
         self.finish(json.dumps(document, separators=(",", ":")))
 
     async def chosen(self) -> list[dict[str, Any]]:
-        """The flights that a request names; 404 for one that cannot be read."""
+        """The flights that a request names; 404 for one that cannot be read.
+
+        Who walks through a list by its keys asks for many in a second and waits for the last alone:
+        what nobody waits for when its turn comes is not read.
+        """
         names = self.get_arguments("name")
         if not 1 <= len(names) <= MOST_FLIGHTS:
             raise tornado.web.HTTPError(400)
-        try:
-            return [await asyncio.to_thread(self.flights.data, name) for name in names]
-        except (WakedeployError, OSError) as error:
-            raise tornado.web.HTTPError(404) from error
+        async with self.flights.turns:
+            if self._is_gone:
+                raise tornado.web.Finish
+            try:
+                return [await asyncio.to_thread(self.flights.data, name) for name in names]
+            except (WakedeployError, OSError) as error:
+                raise tornado.web.HTTPError(404) from error
 
 
 class List(_Told):
