@@ -18,7 +18,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS = $(shell cores=$$(getconf _NPROCESSORS_ONLN); echo $$((cores < 3 ? cores + 1 : 4)))
 TESTS = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-.PHONY: help venv lock demo test test-slow test-wallclock explore check format lint bench results docs links \
+.PHONY: help venv lock demo test test-slow test-wallclock explore check compiled format lint bench results docs links \
 	firmware mutants clean
 
 help:
@@ -76,8 +76,14 @@ test-wallclock: $(INSTALLED)
 explore: $(INSTALLED)
 	$(TESTS) -m 'hypothesis and not slow and not wallclock' --hypothesis-profile explore
 
-check: lint docs
+# What lints and what builds the manual takes one core each; then tests are compiled once, and not by each
+# worker.
+check:
+	$(MAKE) --output-sync --jobs 2 lint docs compiled
 	$(TESTS) -m '(not slow and not wallclock) or install'
+
+compiled: $(INSTALLED)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --collect-only -q >/dev/null
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .

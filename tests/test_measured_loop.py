@@ -18,7 +18,7 @@ def run(*arguments: object) -> str:
     return result.output
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_predictor_trained_on_measured_forces_improves_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -53,6 +53,7 @@ def test_a_hidden_delay_moves_a_motor_later():
     assert int(np.argmin(apart)) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["steps", "closed"])
 def test_a_sensor_that_is_cut_is_named(drive):
     case = next(c for c in CASES if c.plant == "motor" and "clip" in c.hidden)
@@ -61,6 +62,7 @@ def test_a_sensor_that_is_cut_is_named(drive):
     assert told["named"] == ["sensor-saturation@speed_radps"]
 
 
+@pytest.mark.slow
 def test_a_delay_is_named_that_the_input_s_clock_hides():
     """Alone, the clock goes as far as it may, and a delay promises nothing more there."""
     case = next(c for c in CASES if c.name == "servo, waves, delay, coloured")

@@ -46,9 +46,13 @@ def test_pip_is_asked_for_the_pi_s_wheels_at_the_locked_versions(monkeypatch):
     assert set(wheels.look(asked, "3.12", constraints)) == {"click"}
 
 
-@pytest.mark.slow
-@pytest.mark.install
-@pytest.mark.parametrize("python", wheels.PYTHONS)
+@pytest.mark.parametrize(
+    "python",
+    [
+        *(pytest.param(python, marks=pytest.mark.slow) for python in wheels.PYTHONS[:-1]),
+        pytest.param(wheels.PYTHONS[-1], marks=pytest.mark.install),
+    ],
+)
 def test_all_that_the_loop_needs_has_a_wheel_for_the_pi(python):
     found = wheels.search(python)
     assert {"numpy", "onnxruntime", "click"} <= set(found.wheels) - found.rig_only

@@ -34,7 +34,7 @@ def words(printed: str) -> list[str]:
 def pages():
     """Every tutorial; what flies in real time, or searches for minutes, is for `make test-slow`."""
     for page in PAGES:
-        is_long = page.stem in ("at-the-rig", "mujoco-arm")
+        is_long = page.stem in ("at-the-rig", "mujoco-arm", "own-system")
         mark = pytest.mark.slow if is_long else pytest.mark.whole
         yield pytest.param(page, marks=mark, id=page.stem)
 

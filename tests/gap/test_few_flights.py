@@ -259,7 +259,7 @@ def test_two_flights_conclude_no_more_than_one(several) -> None:
     assert not (out / "rig.toml").exists()
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_three_flights_name_and_a_fourth_has_to_confirm(flights, several) -> None:
     out, told = several(3)
     assert (told["verdict"], [e["name"] for e in told["effects"]]) == ("named", [HIDDEN])

@@ -235,7 +235,7 @@ def told(tmp_path_factory, short_episodes):
     return result.output, folder
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_command_writes_figures_tables_and_a_page(told) -> None:
     output, out = told
     folder = out / "lead-quick"
@@ -257,7 +257,7 @@ def test_the_command_writes_figures_tables_and_a_page(told) -> None:
     assert "On downwash, agile-mlp tracks best" in output
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_runs_are_kept_from_those_of_studies_that_train_longer(told) -> None:
     _, out = told
     data = read_episode_set(out / "sets" / "gantry-quick")
@@ -275,7 +275,7 @@ def test_a_reservoir_has_its_scales_tried_at_every_lead() -> None:
     assert len(runs) == 2 * (3 + 1)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_flights_side_by_side_are_those_flown_one_after_the_other(told) -> None:
     _, out = told
     data = read_episode_set(out / "sets" / "gantry-quick")

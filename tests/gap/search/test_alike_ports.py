@@ -74,6 +74,7 @@ def _driven(seed: int, friction_n: float = 0.0, sag_per_s: float = 0.0) -> Recor
     return Recording(f"drive {seed}", np.arange(n) / RATE, columns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "names", "size", "truth"),
     [
@@ -126,6 +127,7 @@ def test_ports_are_alike_that_take_the_same_unit():
     )
 
 
+@pytest.mark.slow
 def test_what_one_side_lacks_is_named_at_that_side():
     class Lame(Rover):
         pass

@@ -188,7 +188,10 @@ def test_a_disturbance_that_follows_nothing_is_no_missing_effect(gusts_mps2, ver
     ("offset_n", "found", "judged"),
     [
         (0.05, {"viscous-friction@speed_mps"}, TRIFLE),
-        (2.0, {"viscous-friction@speed_mps", "offset@speed_mps"}, ACCEPTED),
+        pytest.param(
+            *(2.0, {"viscous-friction@speed_mps", "offset@speed_mps"}, ACCEPTED),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_trifle_of_the_gap_that_there_was_is_told_and_not_named(offset_n, found, judged):
@@ -239,7 +242,7 @@ class LateSlider(Slider):
     ports: ClassVar = [Port.input("force_n", kinds=["dead-time", "lag"])]
 
 
-@pytest.mark.parametrize("refused", [1, 2])
+@pytest.mark.parametrize("refused", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_search_goes_on_once_without_what_sealed_episodes_refuse(
     refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:

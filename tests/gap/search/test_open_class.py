@@ -77,7 +77,7 @@ def _planned(place: Path) -> Planned:
     return Planned.model_validate(json.loads((place / "gap" / "plan.json").read_text()))
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_close_says_what_plan_says(
     place: Path, told: Callable[..., Result], closed: Result
 ) -> None:
@@ -94,7 +94,7 @@ def test_close_says_what_plan_says(
     assert np.abs(rows[:, 1]).max() <= 5.0
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_sizes_are_those_with_which_the_class_was_left_open(place: Path, closed: Result) -> None:
     """Beside the member that was taken nothing is left for another, whose size is 0 there."""
     from wakedeploy.gap.systems.files import read_plain, read_system
@@ -109,7 +109,7 @@ def test_sizes_are_those_with_which_the_class_was_left_open(place: Path, closed:
         assert 0.3 * DELAY_S < size < 1.5 * DELAY_S
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_member_is_added_in_the_place_of_its_class(
     place: Path, told: Callable[..., Result], closed: Result
 ) -> None:
@@ -127,7 +127,7 @@ def test_a_member_is_added_in_the_place_of_its_class(
     assert f"no effect 'command-latency'; there are: {DEAD_TIME}, {LAG}" in wrong.stderr
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_where_no_input_splits_the_class_close_promises_none(
     place: Path, told: Callable[..., Result], closed: Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -240,6 +240,7 @@ class Fan(System):
         return {"speed_per_s": c.gain * inputs.duty - c.friction * state.speed_per_s}
 
 
+@pytest.mark.slow
 def test_what_removes_most_of_the_error_is_named_also_where_the_last_reading_is_hard_to_outdo():
     """The duty seldom changes and the load wanders slowly: the last reading forecasts well."""
     rng = np.random.default_rng(1)

@@ -245,7 +245,7 @@ def rubbed(more_n: float) -> LogModel:
     return LogModel(Rubbed(), [Recording("made", np.arange(len(shown)) / RATE_HZ, columns)])
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_friction_that_falls_is_found_beside_the_friction_that_stays():
     model = rubbed(1.5)
     found = named(model, fitted_base(model)).found
@@ -255,7 +255,7 @@ def test_friction_that_falls_is_found_beside_the_friction_that_stays():
     assert found.value("stribeck-friction@speed_mps.speed") == pytest.approx(0.2, rel=0.1)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_finer_friction_that_hardly_matters_to_the_gap_is_told_and_not_named():
     """Two tenths of a newton are evident, after three have removed all but a thousandth."""
     model = rubbed(0.2)

@@ -49,7 +49,11 @@ def _model(period: int = 1, step_n: float = 0.0) -> LogModel:
 
 @pytest.mark.parametrize(
     ("name", "hidden", "size"),
-    [(HOLD, {"period": 6}, 0.06), (HOLD, {"period": 13}, 0.13), (STEPS, {"step_n": 7.0}, 7.0)],
+    [
+        (HOLD, {"period": 6}, 0.06),
+        pytest.param(HOLD, {"period": 13}, 0.13, marks=pytest.mark.slow),
+        (STEPS, {"step_n": 7.0}, 7.0),
+    ],
 )
 def test_the_summit_that_is_right_is_found_where_each_size_has_one(name, hidden, size):
     """With the noise that a base without it needs, the right size is no better than a wrong one."""

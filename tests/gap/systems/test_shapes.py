@@ -69,8 +69,11 @@ def leading(force) -> Candidate:
     return ranked(model, fitted_base(model), list(model.effects))[0][0]
 
 
-@pytest.mark.parametrize("loss_spm", [0.0, 3.0])
-@pytest.mark.parametrize(("kind", "limit_m", "sign"), [("lower", 5.2, 1.0), ("upper", 5.8, -1.0)])
+@pytest.mark.parametrize("loss_spm", [0.0, pytest.param(3.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("kind", "limit_m", "sign"),
+    [pytest.param("lower", 5.2, 1.0, marks=pytest.mark.slow), ("upper", 5.8, -1.0)],
+)
 def test_a_stop_is_found_wherever_the_way_ends(kind, limit_m, sign, loss_spm):
     """It throws back, or takes speed away, and never holds what leaves."""
 
@@ -168,6 +171,7 @@ def test_what_ends_a_level_takes_no_speed_away():
     assert of_a_stop == ["upper-stop@level_m.stiffness", "upper-stop@level_m.limit"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width_m", [0.1, 0.8])
 def test_an_effect_of_the_user_s_own_has_a_shape_beside_its_size(width_m):
     best = leading(lambda x, v: -2.0 * MASS_KG * np.exp(-(((x - 5.5) / width_m) ** 2)))

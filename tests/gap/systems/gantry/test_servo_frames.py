@@ -203,14 +203,8 @@ def test_with_the_logs_period_thrusts_are_those_of_the_rig_that_has_it() -> None
     assert away_n.max() > 0.1
 
 
-@pytest.mark.parametrize(
-    "frame_s",
-    [
-        pytest.param(0.013, marks=pytest.mark.slow),
-        pytest.param(0.0225, marks=pytest.mark.slow),
-        0.038,
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("frame_s", [0.013, 0.0225, 0.038])
 def test_another_frame_than_the_rig_files_is_named(frame_s) -> None:
     """A base bends latency for it, from where the frames that the log tells would look absurd."""
     flights = [flown(seed, with_frame(frame_s), seconds=12.0) for seed in SEEDS]

@@ -96,6 +96,7 @@ def test_a_replay_in_fine_steps_is_that_of_an_integrator():
     assert off(inputs=[Input("push_n", "N")]) > 0.5  # held, it comes half a sample late
 
 
+@pytest.mark.slow
 def test_rows_that_are_finer_than_the_rate_are_the_inputs_of_its_steps():
     """What a controller holds for a step is what acts in that step."""
     values = np.random.default_rng(3).standard_normal(4800)

@@ -227,6 +227,7 @@ class Pushed(Cart):
     ]
 
 
+@pytest.mark.slow
 def test_what_is_named_near_is_where_the_search_far_ahead_begins():
     model = LogModel(Pushed(), [recorded(3.0)])
     near = judging._named(model, fitted_base(model), quiet)
@@ -243,6 +244,7 @@ def test_what_is_named_near_is_where_the_search_far_ahead_begins():
     assert placebo.name == "offset@speed_mps"
 
 
+@pytest.mark.slow
 def test_long_logs_are_searched_in_part_far_ahead_too(monkeypatch):
     """What was named is fitted to the samples that the search goes on with."""
     monkeypatch.setattr(logs, "_SEARCHED", 1)  # at least twice as far as a forecast reaches

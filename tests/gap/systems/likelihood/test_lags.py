@@ -120,7 +120,7 @@ def test_a_dead_time_knows_what_was_on_its_way(late_s, clock_s):
     assert kind.unsettled(np.full(5, 3.0), p, dt_s) == 0.0
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_slow_pump_is_not_blamed_on_the_sensor():
     model = LogModel(Tank(), [_log(0, 1, cut_s=120.0)])
     told = named(model, fitted_base(model))

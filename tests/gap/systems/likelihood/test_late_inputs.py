@@ -48,6 +48,7 @@ def model(motor_late=0, wind_late=0, output_late=0, samples=900):
     return LogModel(Wagon(), [Recording("made", np.arange(samples) / RATE_HZ, columns)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [40, 50])
 def test_of_an_input_that_repeats_itself_a_delay_is_no_lead(period):
     """A square wave: a delay of a sixth of it is a lead of the rest."""
@@ -74,9 +75,9 @@ def _late(column, samples):
 @pytest.mark.parametrize(
     ("late", "told"),
     [
-        ({"motor_late": 6}, {"motor_n": 0.12}),
+        pytest.param({"motor_late": 6}, {"motor_n": 0.12}, marks=pytest.mark.slow),
         ({"motor_late": 3}, {"motor_n": 0.06}),
-        ({"wind_late": 11}, {"wind_n": 0.22}),
+        pytest.param({"wind_late": 11}, {"wind_n": 0.22}, marks=pytest.mark.slow),
         ({}, {}),
         ({"output_late": 4}, {}),  # a delay, which effects explain
     ],
@@ -119,9 +120,8 @@ def pod(late, samples=900, fine=10):
     return LogModel(Pod(), [Recording("water", time_s, columns)])
 
 
-@pytest.mark.parametrize(
-    "late", [pytest.param(0, marks=pytest.mark.whole), pytest.param(6, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0, 6])
 def test_outputs_that_lead_only_as_drag_is_missing_are_no_late_input(late):
     made = pod(late)
     base = fitted_base(made)

@@ -176,7 +176,7 @@ def test_a_size_that_may_be_zero_is_no_effect(friction_n, nothing):
     assert is_nothing(fit(model, (name,), base.episodes, start), name) == nothing
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_long_log_is_searched_in_part_and_told_from_all_of_it(monkeypatch):
     recording = recorded(3, delay_s=0.03)
     whole = LogModel(Mass(), [recording])

@@ -107,6 +107,7 @@ def test_a_command_that_arrives_within_a_sample_acts_from_there_on(delay_s):
     assert np.ptp(log.columns["x_m"]) > 1.0
 
 
+@pytest.mark.slow
 def test_a_delay_of_a_coarse_log_is_named_where_it_is():
     """The sensor's delay was named instead, with hundreds of nats more."""
     model = LogModel(Cart(), [_log(seed, 400, 0.07) for seed in (1, 2)])
@@ -155,6 +156,7 @@ def test_an_actuator_begins_where_its_command_had_brought_it(system, tau_s):
     assert model._starts[0].states[3:, 0] == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 def test_a_long_log_is_followed_in_parts_that_agree():
     command = _held(4, 14_000)
     x, force = _moved(command, 0.0, tau_s=0.1)

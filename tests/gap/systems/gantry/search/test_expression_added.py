@@ -22,6 +22,8 @@ from wakedeploy.gap.systems.gantry.workflow import result
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig.file import read_rig
 
+pytestmark = pytest.mark.slow  # of the workflow after "unknown", from flights to a rig file
+
 LIMITS = Thresholds(6.0, 8.0, 8.0, 36.0, 0.02, 0.02, 0.003)
 SEEDS, SEALED = (51, 52, 53), 54
 STIFFNESS_N_PER_M = 0.8
@@ -63,7 +65,6 @@ def shown(answer, tmp_path_factory):
     return case, out, show_gap(case, out)
 
 
-@pytest.mark.whole
 def test_an_effect_that_only_stood_for_the_expression_is_dropped(answer) -> None:
     """With it, the expression has a wave besides, which nothing in the flights does."""
     assert answer.rounds[0].found == SPURIOUS
@@ -75,7 +76,6 @@ def test_an_effect_that_only_stood_for_the_expression_is_dropped(answer) -> None
     assert answer.white.passes(LIMITS.whiteness)  # of what the expression leaves
 
 
-@pytest.mark.whole
 def test_the_rig_file_written_errs_as_was_shown(answer, shown) -> None:
     """Noise and calibration are fitted again; equally likely ones err by a few per cent more."""
     case, out, told = shown
@@ -86,7 +86,6 @@ def test_the_rig_file_written_errs_as_was_shown(answer, shown) -> None:
     assert fitted.log_likelihood == pytest.approx(answer.fit.log_likelihood, abs=2.0)
 
 
-@pytest.mark.whole
 def test_what_is_told_is_what_the_file_has(shown) -> None:
     case, out, gap = shown
     told = result(case, out)
@@ -103,7 +102,6 @@ def test_what_is_told_is_what_the_file_has(shown) -> None:
     assert f"(`{told.closest}`)" in words.partition(near)[2].partition(".")[0]
 
 
-@pytest.mark.slow
 def test_an_effect_that_is_needed_beside_the_expression_stays_as_refitted_with_it(
     tmp_path,
 ) -> None:
