@@ -265,6 +265,23 @@ def test_joints_that_an_equality_holds_are_told_of(tmp_path: Path) -> None:
     assert coupling_notes(path) == []
 
 
+def test_bodies_that_touch_where_logs_have_been_are_told_of(tmp_path: Path) -> None:
+    """A floor under the arm: the hand goes through it where the elbow hangs down."""
+    floor = '<worldbody><geom name="floor" type="plane" size="1 1 0.1" pos="0 0 -0.2"/>'
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(shoulder="", elbow="").replace("<worldbody>", floor, 1))
+    target = tmp_path / "my_arm.py"
+    target.write_text(mjcf_template(path, target))
+    system = read_system(target)
+    shoulder, elbow = np.zeros(200), np.linspace(0.0, np.pi / 2.0, 200)
+    (told,) = system.log_notes({"shoulder_rad": shoulder, "elbow_rad": elbow})
+    # The capsule's end, 0.25 m below at a right angle, is 0.02 m thick: sin q > 0.18 / 0.25.
+    share = float(np.mean(0.25 * np.sin(elbow) > 0.18))
+    assert f"touch at {share:.0%} of the samples (world and lower)" in told
+    assert system.log_notes({"shoulder_rad": shoulder, "elbow_rad": 0.0 * elbow}) == []
+    assert system.log_notes({"elbow_rad": elbow}) == []  # of the shoulder nothing is known
+
+
 def test_files_may_have_any_names(tmp_path: Path) -> None:
     model, target = tmp_path / 'arm "2" FILE.xml', tmp_path / 'STATES "of" \\N.py'
     model.write_text(SLIDE_AND_HINGE.format(actuator='<motor name="a" joint="rail"/>', more=""))

@@ -104,7 +104,9 @@ def column_notes(model: LogModel) -> list[str]:
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
-    return notes
+    names = [output.name for output in model.system.outputs]
+    columns = np.concatenate([log.outputs for log in logs], axis=1)
+    return notes + model.system.log_notes(dict(zip(names, columns, strict=True)))
 
 
 def step_notes(model: LogModel, base: Fit) -> list[str]:

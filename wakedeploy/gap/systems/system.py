@@ -295,6 +295,13 @@ class System:
         """
         return []
 
+    def log_notes(self, outputs: Mapping[str, FloatArray]) -> list[str]:
+        """Sentences for `gap check` about what logs show of this system; none unless overridden.
+
+        `outputs` (N,) by name are all samples of all logs, NaN where nothing was measured.
+        """
+        return []
+
     def start(self, measured: Point) -> Mapping[str, Any]:
         """States at the first sample that the outputs do not show; none unless overridden."""
         return {}

@@ -87,6 +87,12 @@ class MjcfSystem(System):
 
         return write_corrected(self._elements, {c.name: c for c in self.constants}, answer, out)
 
+    def log_notes(self, outputs: Mapping[str, FloatArray]) -> list[str]:
+        """Which bodies touch each other where logs have been."""
+        from wakedeploy.gap.systems.mjcf.contacts import contact_notes
+
+        return contact_notes(self._elements, outputs)
+
     def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
         """Rates (N, n) of states (N, n) under commands and forces (N, m) and constants (N, k)."""
         if not len(x):
