@@ -12,6 +12,7 @@ from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.systems.checks import _tried, checked
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.planning.imagined import imagined
 from wakedeploy.gap.systems.system import Point
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
@@ -135,6 +136,10 @@ def test_a_sound_system_passes():
         ({"rate_hz": 0.0}, "rate_hz"),
         ({"steps": 0}, "steps is 0; give a whole number from 1 to 64"),
         ({"inputs": [Input("force_n", "N", hold="cubic")]}, "holds 'cubic', not"),
+        (
+            {"inputs": [Input("force_n", "N", delay_s=-0.1)]},
+            "has the delay_s -0.1; give one from 0",
+        ),
         ({"step": lambda s, state, u, c: {}}, "both of `derivative` and `step`"),
         ({"inputs": [Input("speed_mps", "m/s")]}, "an input and a state"),
     ],
@@ -142,6 +147,29 @@ def test_a_sound_system_passes():
 def test_what_does_not_fit_is_said_by_name(changes, said):
     with pytest.raises(UnusableInput, match=said):
         checked(_with(**changes))
+
+
+@pytest.mark.parametrize("rows", [5.0, 2.25])
+def test_an_input_that_is_known_to_act_later_does(rows):
+    """As if its column had been logged later; of parts of a row, the mean of what acts."""
+    random, time_s = np.random.default_rng(1), np.arange(300) / 100.0
+    force = np.repeat(random.uniform(-1.0, 1.0, 30), 10)
+    at = np.arange(300) - int(rows)
+    newer, older = force[np.clip(at, 0, None)], force[np.clip(at - 1, 0, None)]
+    later = (1.0 - rows % 1.0) * newer + rows % 1.0 * older
+    late = _with(inputs=[Input("force_n", "N", delay_s=rows / 100.0)])
+    columns = {"force_n": force, "position_m": random.standard_normal(300)}
+    replayed = late.simulate(Recording("log", time_s, columns))
+    known = Axis().simulate(Recording("log", time_s, columns | {"force_n": later}))
+    np.testing.assert_allclose(replayed["position_m"], known["position_m"], atol=1e-12)
+
+    model, plain = (LogModel(s, [Recording("log", time_s, columns)]) for s in (late, Axis()))
+    fitted = fit(plain, (), range(1))
+    waiting, shifted = (
+        imagined(m, fitted, {"force_n": f[None]})["position_m"]
+        for m, f in ((model, force), (plain, later))
+    )
+    np.testing.assert_allclose(waiting, shifted, atol=1e-12)
 
 
 def _under(returned):

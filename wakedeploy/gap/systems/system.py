@@ -40,8 +40,9 @@ class Input:
     is one of the project's, "" for none; a log's column (T,) is converted to it. `low` and `high`
     are limits that `gap plan` keeps to, without them those of the logs. With `is_commanded=False`
     nobody can command it, as a battery's voltage that is measured: `gap plan` leaves it at its
-    logged mean. A name or a unit that is not known and limits in the wrong order raise
-    UnusableInput when the system is loaded.
+    logged mean. `delay_s` is by how much later than its row it acts, as far as that is known; until
+    then a log's first value does. A name or a unit that is not known, limits in the wrong order and
+    a delay below 0 raise UnusableInput when the system is loaded.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Input:
     low: float | None = None
     high: float | None = None
     is_commanded: bool = True
+    delay_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.kinds.inputs import shifted
 from wakedeploy.gap.systems.likelihood.between_samples import between
 from wakedeploy.gap.systems.system import Input, System
 
@@ -91,7 +92,7 @@ def _log(system: System, recording: Recording) -> Log:
             f"did not last {lasts_s:.4g} s, the time's unit is wrong."
         )
     n = len(recording.time_s) // every
-    logged = [_input(recording, i.name)[: n * every] for i in system.inputs]
+    logged = [_input(recording, i)[: n * every] for i in system.inputs]
     inputs = [row.reshape(n, every).mean(1) for row in logged]
     driving = [
         _driving(system, i, row, every) for i, row in zip(system.inputs, logged, strict=True)
@@ -141,8 +142,9 @@ def _column(recording: Recording, name: str) -> FloatArray:
     return np.asarray(recording.columns[name], dtype=float)
 
 
-def _input(recording: Recording, name: str) -> FloatArray:
-    """An input, its short gaps filled with the last value."""
+def _input(recording: Recording, stated: Input) -> FloatArray:
+    """An input as it acts in each row, its short gaps filled with the last value."""
+    name = stated.name
     column = _column(recording, name)
     missing = ~np.isfinite(column)
     if missing.mean() > _MOST_MISSING or missing[0]:
@@ -151,7 +153,7 @@ def _input(recording: Recording, name: str) -> FloatArray:
             "log where its inputs are known."
         )
     last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(column))))
-    return np.asarray(column[last])
+    return shifted(column[last], stated.delay_s * recording.rate_hz)
 
 
 def blocks_of(logs: Sequence[Log]) -> list[Block]:

@@ -215,7 +215,7 @@ def _carried(effect: Found, actuator: Actuator, attribute: str, moved: list[str]
 
 
 def _delay(written: Fitted, actuator: Actuator, effect: Found) -> str:
-    start = as_is("actuator", actuator.name, "delay", 0.0, "s")
+    start = as_is("actuator", actuator.name, "delay", actuator.delay_s, "s")
     written.add(start, effect.parameters["delay_s"])
     return ""
 

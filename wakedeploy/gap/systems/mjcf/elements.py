@@ -10,7 +10,7 @@ import importlib
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,7 +61,7 @@ class Actuator:
     `follows` is what its command asks for, "" where that has no unit of its own; it `integrates` or
     `filters` its command into its state. With `has_fixed_gain` its force is in proportion to them.
     `has_bias` says that an affine bias is beside that, `is_affine` that there is none of another
-    kind.
+    kind. By `delay_s` its command acts later; `Elements.model` has none of that.
     """
 
     name: str
@@ -76,6 +76,7 @@ class Actuator:
     has_fixed_gain: bool
     has_bias: bool
     is_affine: bool
+    delay_s: float
 
     @property
     def command(self) -> str:
@@ -129,13 +130,13 @@ def read_elements(path: Path) -> Elements:
     """The elements of an MJCF file.
 
     Raises UnusableInput for a file that is absent or does not compile, and for what no system here
-    can have: free and ball joints, actuators with several commands, plugins or a delay.
+    can have: free and ball joints, actuators with several commands, plugins.
     """
-    library, model = mujoco(path), read_spec(path)[1]
+    library, (model, delays_s) = mujoco(path), _without_delays(path)
     _refuse_unfit(library, path, model)
     with _silent(library):
         joints = _joints(library, path, model)
-    actuators = _actuators(library, path, model)
+    actuators = _actuators(library, path, model, delays_s)
     if not joints:
         raise UnusableInput(f"{path}: no hinge or slide joint; give a model with at least one.")
     return Elements(
@@ -144,6 +145,16 @@ def read_elements(path: Path) -> Elements:
         _sensed(library, model, joints),
         _coupled(library, model),
     )  # fmt: skip
+
+
+def _without_delays(path: Path) -> tuple[Any, list[float]]:
+    """A file compiled with no command that waits, and by how much each would [s]."""
+    spec, model = read_spec(path)
+    delays_s = [float(delay) for delay in model.actuator_delay]
+    for actuator, delay_s in zip(spec.actuators, delays_s, strict=True):
+        if delay_s > 0.0:
+            actuator.delay, actuator.nsample = 0.0, 0
+    return (spec.compile() if any(delays_s) else model), delays_s
 
 
 def read_spec(path: Path) -> tuple[Any, Any]:
@@ -204,11 +215,6 @@ def _refuse_unfit(library: Any, path: Path, model: Any) -> None:
             raise UnusableInput(
                 f"{path}: actuator {name!r} has several commands or states; give it one of each."
             )
-        if model.actuator_delay[i] > 0.0:
-            raise UnusableInput(
-                f"{path}: actuator {name!r} has a delay; take it out, as the search finds a dead "
-                "time by itself."
-            )
         if model.actuator_plugin[i] >= 0:
             raise UnusableInput(f"{path}: actuator {name!r} is a plugin; use one of MuJoCo's own.")
     carried = library.mj_stateSize(model, library.mjtState.mjSTATE_FULLPHYSICS)
@@ -249,7 +255,9 @@ def _inertias(library: Any, path: Path, model: Any) -> list[float]:
     return [1.0 / float(inverse[i, i]) for i in range(model.nv)]
 
 
-def _actuators(library: Any, path: Path, model: Any) -> tuple[Actuator, ...]:
+def _actuators(
+    library: Any, path: Path, model: Any, delays_s: Sequence[float]
+) -> tuple[Actuator, ...]:
     joint = [int(library.mjtTrn.mjTRN_JOINT), int(library.mjtTrn.mjTRN_JOINTINPARENT)]
     found = []
     for i in range(model.nactuator):
@@ -269,6 +277,7 @@ def _actuators(library: Any, path: Path, model: Any) -> tuple[Actuator, ...]:
             has_fixed_gain=gain == int(library.mjtGain.mjGAIN_FIXED),
             has_bias=bias == affine,
             is_affine=bias in (none, affine),
+            delay_s=delays_s[i],
         ))  # fmt: skip
     _require_distinct(path, [actuator.word for actuator in found])
     return tuple(found)

@@ -5,6 +5,7 @@ its own `rollout`: one tiny explicit Euler step of each, whose rise over its tim
 """
 
 import importlib
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -164,6 +165,14 @@ def _checked_names(system: MjcfSystem, elements: Elements) -> tuple[str, ...]:
         if sorted(wanted[what]) != sorted(there):
             raise UnusableInput(
                 f"{system.name}.{what}: {elements.path} has {', '.join(there)}; state these."
+            )
+    delays_s = {a.command: a.delay_s for a in actuators}
+    for stated in system.inputs:
+        if not math.isclose(stated.delay_s, delays_s[stated.name], rel_tol=1e-3, abs_tol=1e-6):
+            raise UnusableInput(
+                f"{system.name}: input {stated.name!r} has delay_s={stated.delay_s:g}, and its "
+                f"actuator in {elements.path} a delay of {delays_s[stated.name]:g} s; state the "
+                "same in both."
             )
     known = {*elements.attributes, *(j.inertia_name for j in joints)}
     for constant in system.constants:

@@ -65,7 +65,7 @@ def mjcf_template(model: Path, target: Path) -> str:
     file = os.path.relpath(model.resolve(), target.resolve().parent)
     shown = _outputs(elements)
     sections = {
-        "INPUTS": [f'Input("{a.command}", "{_unit(a, elements)}"),' for a in elements.actuators],
+        "INPUTS": [_input(actuator, elements) for actuator in elements.actuators],
         "STATES": [f'"{name}": "{unit}",' for name, unit in _states(elements)],
         "OUTPUTS": [f'Output("{n}", "{u}", noise={_noise(n, elements):g}),' for n, u in shown],
         "CONSTANTS": [
@@ -113,6 +113,11 @@ def _outputs(elements: Elements) -> list[tuple[str, str]]:
     of_joints = _states(elements)[: 2 * len(elements.joints)]
     shown = [(n, u) for n, u in of_joints if n in elements.sensed]
     return shown or [(n, u) for n, u in of_joints if u in ("rad", "m")]
+
+
+def _input(actuator: Actuator, elements: Elements) -> str:
+    delay = f", delay_s={actuator.delay_s:.6g}" if actuator.delay_s else ""
+    return f'Input("{actuator.command}", "{_unit(actuator, elements)}"{delay}),'
 
 
 def _unit(actuator: Actuator, elements: Elements) -> str:

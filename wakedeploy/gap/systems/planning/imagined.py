@@ -12,6 +12,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
+from wakedeploy.gap.systems.kinds.inputs import shifted
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.between_samples import between
 from wakedeploy.gap.systems.likelihood.blocks import parts_in_step
@@ -33,14 +34,14 @@ def imagined(
     acting = model.acting(fitted.hypothesis)
     values = model.values(fitted.hypothesis, fitted.theta)
     random = np.random.default_rng(seed)
-    steps, hold = model.system.steps, {i.name: i.hold for i in model.system.inputs}
+    steps, stated = model.system.steps, {i.name: i for i in model.system.inputs}
     finely = steps * parts_in_step(model.system)
-    driven = {
-        n: np.array(
-            [_finely(acting.parts(n, between(row, hold[n], finely), values)) for row in rows]
-        )
-        for n, rows in columns.items()
-    }
+
+    def acted(name: str, row: FloatArray) -> FloatArray:
+        later = shifted(row, stated[name].delay_s / model.dt_s)
+        return _finely(acting.parts(name, between(later, stated[name].hold, finely), values))
+
+    driven = {n: np.array([acted(n, row) for row in rows]) for n, rows in columns.items()}
     lanes, count = next(iter(columns.values())).shape
     pushes = _pushes(model, acting, values, count, random)
     noise = np.array([np.exp(values[f"noise.{o.name}"]) for o in model.system.outputs])
