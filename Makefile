@@ -83,7 +83,7 @@ check:
 	$(TESTS) -m '(not slow and not wallclock) or install'
 
 compiled: $(INSTALLED)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --collect-only -q >/dev/null
+	-@PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --collect-only -q >/dev/null
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .

@@ -20,12 +20,12 @@ from wakedeploy.gap.evidence.ranking import candidate, rank
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import AHEAD_S
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
 
 Values = Mapping[str, Mapping[str, float]]
 _BLOCK_S = 2.0  # as the workflow's own intervals: errors closer than that go together
-_STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def _squares(model: GantryModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:
     for episode in range(near.episodes):
         ahead = near.forecasts(fitted, episode, (AHEAD_S,))
         error = np.abs(ahead.measured_m[0] - ahead.forecast_m[0])
-        error[error > _STRAY * 1.4826 * np.nanmedian(error)] = np.nan
+        error[error > RULES.stray * 1.4826 * np.nanmedian(error)] = np.nan
         squares.append(error**2)
         blocks.append(first + np.floor((ahead.at_s - ahead.at_s[0]) / _BLOCK_S))
         first = float(blocks[-1][-1]) + 1.0

@@ -50,7 +50,7 @@ def test_pip_is_asked_for_the_pi_s_wheels_at_the_locked_versions(monkeypatch):
     "python",
     [
         *(pytest.param(python, marks=pytest.mark.slow) for python in wheels.PYTHONS[:-1]),
-        pytest.param(wheels.PYTHONS[-1], marks=pytest.mark.install),
+        pytest.param(wheels.PYTHONS[-1], marks=[pytest.mark.whole, pytest.mark.install]),
     ],
 )
 def test_all_that_the_loop_needs_has_a_wheel_for_the_pi(python):

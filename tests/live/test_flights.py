@@ -186,7 +186,7 @@ def test_one_flight_is_read_once_however_many_ask_at_a_time(folder, monkeypatch)
 def test_flights_that_nobody_waits_for_any_longer_are_not_read(folder, tmp_path, monkeypatch):
     """Who walks down a list by its keys waits for the last one, and for none on the way there."""
     names = [f"{number}.mcap" for number in range(8)]
-    for name in names:
+    for name in (*names, "in-memory.mcap"):
         os.link(folder / "flight0.mcap", tmp_path / name)
     read, may_end = [], threading.Event()
 
@@ -209,9 +209,15 @@ def test_flights_that_nobody_waits_for_any_longer_are_not_read(folder, tmp_path,
         here = sockets[0].getsockname()[:2]
         app = application(address, "token", "browse.html", handlers(Flights(tmp_path, "token")))
         serve(sockets, app)
+        reader, _ = await asked(here, "in-memory.mcap")
+        may_end.set()
+        await reader.read()
+        may_end.clear()
         everyone = [await asked(here, name) for name in names]
-        while len(read) < 2:
+        while len(read) < 3:
             await asyncio.sleep(0.01)
+        again, _ = await asked(here, "in-memory.mcap")  # behind none of them
+        assert (await again.read()).endswith(b'[{"name":"in-memory.mcap"}]')
         for _, writer in everyone[:-1]:
             writer.close()
         await asyncio.sleep(0.2)  # for the server to hear of it
@@ -220,7 +226,7 @@ def test_flights_that_nobody_waits_for_any_longer_are_not_read(folder, tmp_path,
 
     monkeypatch.setattr("wakedeploy.live.browse.flight_data", slowly)
     assert asyncio.run(walked()).endswith(b'[{"name":"7.mcap"}]')
-    assert sorted(read) == ["0.mcap", "1.mcap", "7.mcap"]
+    assert sorted(read) == ["0.mcap", "1.mcap", "7.mcap", "in-memory.mcap"]
 
 
 @pytest.fixture(scope="module")

@@ -178,8 +178,8 @@ class TrainedRun:
             shown = episodes_of(self)
         else:
             shown = data if isinstance(data, EpisodeSet) else read_episode_set(Path(data))
-        own = shown.sha256 == self.config.data_sha256
-        errors = self.metrics.test if own else None
+        is_trained_on = shown.sha256 == self.config.data_sha256
+        errors = self.metrics.test if is_trained_on else None
         drawn = draw_prediction(title_of(self.config), self.config, self.predictor, shown, errors)
         return showing_itself(drawn)
 

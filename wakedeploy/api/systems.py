@@ -118,23 +118,23 @@ def take(
     model.require_effects()
     with at_work(made(out)):
         folder = OwnFolder(model, out, progress, only)
-        told = run(folder, step)
-        if not isinstance(told, Result):
-            return Taken(told, tuple(folder.exported))
+        artefact = run(folder, step)
+        if not isinstance(artefact, Result):
+            return Taken(artefact, tuple(folder.exported))
         planned = folder.plan() if plan else None
         after: list[str] = []
         logs = [Path(log) for log in measured if not isinstance(log, Recording)]
         lies_in_files = len(logs) == len(measured) and not isinstance(columns, Columns)
         if lies_in_files and not isinstance(system, (System, type)):  # else no command has it
             by = None if columns is None or isinstance(columns, Columns) else Path(columns)
-            after = next_commands(told, Path(system), logs, by, out, planned)
+            after = next_commands(artefact, Path(system), logs, by, out, planned)
         if report:
             progress("drawing the report")
             write_page(
-                told,
+                artefact,
                 out,
-                answers=first_screen(told, planned),
-                remarks=remarks(told),
-                next_step=(next_step(told, planned), after),
+                answers=first_screen(artefact, planned),
+                remarks=remarks(artefact),
+                next_step=(next_step(artefact, planned), after),
             )
-        return Taken(told, tuple(folder.exported), tuple(after))
+        return Taken(artefact, tuple(folder.exported), tuple(after))

@@ -211,18 +211,18 @@ def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> Non
     from wakedeploy.gap.systems.answers.folder import correction_told, planned_in
     from wakedeploy.gap.systems.answers.words import sentences
 
-    told = taken.told
-    planned = planned_in(out, told) if isinstance(told, Result) else None
-    for sentence in sentences(told, planned):
+    artefact = taken.told
+    planned = planned_in(out, artefact) if isinstance(artefact, Result) else None
+    for sentence in sentences(artefact, planned):
         click.echo(sentence)
     if only is not None:
         click.echo(f"Added as you asked: {only}, beside what is sure.")
     if is_added:
-        assert isinstance(told, Answer)
-        click.echo(correction_told(out, bool(told.effects) or only is not None))
+        assert isinstance(artefact, Answer)
+        click.echo(correction_told(out, bool(artefact.effects) or only is not None))
         for line in taken.exported:
             click.echo(line)
-    if isinstance(told, Result):
+    if isinstance(artefact, Result):
         click.echo(f"Report: {out / 'report.html'}")
     for command in taken.next:
         click.echo(f"Next: {command}")

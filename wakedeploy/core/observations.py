@@ -99,7 +99,11 @@ def out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> 
                 f"{channel.name} never changed in training ({least:.4g} {channel.unit}), and is"
                 f" {here} here"
             )
-    told = [f"{'; '.join(ranged)}: check the unit."] if ranged else []
+    sentences = [f"{'; '.join(ranged)}: check the unit."] if ranged else []
     if constant:
-        told.append(f"{'; '.join(constant)}: its effect was not learned; check the unit too.")
-    return f"{' '.join(told)} Forces for what was never learned may be far off." if told else None
+        sentences.append(f"{'; '.join(constant)}: its effect was not learned; check the unit too.")
+    return (
+        f"{' '.join(sentences)} Forces for what was never learned may be far off."
+        if sentences
+        else None
+    )

@@ -6,8 +6,8 @@
 import itertools
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
-_SURE_SD = 0.8416  # quantile of a Gaussian at `Rules.sure_share`
 _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 0, 4: 1, 5: 1}, 2
 
 
@@ -55,16 +55,16 @@ class Rules:
             for there, too.
         far_stretch: A stretch of forecasts counts for no more than so many typical ones: from an
             unstable state all models run away.
-        fewest_far: Of so many stretches that err by more, all count in full if an effect halves
-            their error
-        far_lost_share: and costs the others less than this share of what these gain.
+        fewest_far: So many stretches that err by more count in full, if an effect halves the error
+            of all of them,
+        far_lost_share: and if the other stretches lose less than this share of what these gain.
         push_share: A lasting push above this share of the usual rate is told; any model's form may
             be off by as much.
         push_ln_sd: The logarithm of its size is known better than to this.
         followed_share: Share of a push's variance that a coordinate tells, for the push to follow
             it.
-        late_nats: Outputs that move before their input does, or long after it, have to say so by
-            this much; chance brings none.
+        late_nats: Outputs that move before their input does have to say so by this much, and more
+            than any delay does; chance brings none.
         hides_nats: A candidate that is not named and gains more is told as what a calibration may
             hide: about half of what a constant hides that has moved by three spreads.
         error_trifle: Share by which an output's error may change without being worth a word.
@@ -111,16 +111,16 @@ class Rules:
     @property
     def margin_nats(self) -> float:
         """A mean gain of which more than `class_nats` are left in `sure_share` of recordings."""
-        return surely_nats(self.class_nats)
+        return surely_nats(self.class_nats, self.sure_share)
 
 
-def surely_nats(wanted: float) -> float:
-    """The mean gain of which so many nats are left in four of five recordings.
+def surely_nats(wanted: float, share: float = Rules.sure_share) -> float:
+    """The mean gain of which so many nats are left in that share of recordings.
 
     A gain of L nats scatters by √(2 L) from one to the next (Kay, Fundamentals of Statistical
     Signal Processing II, 1998, ch. 6).
     """
-    half = _SURE_SD / math.sqrt(2.0)
+    half = NormalDist().inv_cdf(share) / math.sqrt(2.0)
     return (half + math.sqrt(half**2 + wanted)) ** 2
 
 

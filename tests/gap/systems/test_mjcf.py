@@ -279,8 +279,50 @@ def test_bodies_that_touch_where_logs_have_been_are_told_of(tmp_path: Path) -> N
     # The capsule's end, 0.25 m below at a right angle, is 0.02 m thick: sin q > 0.18 / 0.25.
     share = float(np.mean(0.25 * np.sin(elbow) > 0.18))
     assert f"touch at {share:.0%} of the samples (world and lower)" in told
+    rarely = np.where(np.arange(200) == 199, elbow, 0.0)
+    assert "less than 1%" in system.log_notes({"shoulder_rad": shoulder, "elbow_rad": rarely})[0]
     assert system.log_notes({"shoulder_rad": shoulder, "elbow_rad": 0.0 * elbow}) == []
     assert system.log_notes({"elbow_rad": elbow}) == []  # of the shoulder nothing is known
+
+
+def test_contacts_of_stated_pairs_and_within_a_margin_are_told_of(tmp_path: Path) -> None:
+    """They push without the kinds of a geom, and before it is reached."""
+    floor = (
+        '<worldbody><geom name="floor" type="plane" size="1 1 0.1" pos="0 0 -0.2" contype="0"'
+        ' conaffinity="0"/>'
+    )
+    pair = '<contact><pair geom1="floor" geom2="hand" margin="0.05"/></contact></mujoco>'
+    text = ARM.format(shoulder="", elbow="").replace("<worldbody>", floor, 1)
+    text = text.replace('0.25 0 0" size="0.02"', '0.25 0 0" size="0.02" name="hand"')
+    text = text.replace("<geom type", '<geom contype="0" conaffinity="0" type')
+    path, target = tmp_path / "arm.xml", tmp_path / "my_arm.py"
+    path.write_text(text.replace("</mujoco>", pair))
+    target.write_text(mjcf_template(path, target))
+    system, shoulder = read_system(target), np.zeros(2)
+    for sine, told in ((0.5, 0), (0.6, 1), (0.9, 1)):  # 0.125 m, 0.15 and 0.225 down, of 0.18
+        elbow = np.full(2, np.arcsin(sine))
+        assert len(system.log_notes({"shoulder_rad": shoulder, "elbow_rad": elbow})) == told
+
+
+@pytest.mark.parametrize(
+    ("delay", "acts_s"),
+    [('delay="0.02" nsample="5"', 0.005), ('delay="0.0205" nsample="30"', 0.021),
+     ('delay="0.0205" nsample="30" interp="linear"', 0.0205)],
+)  # fmt: skip
+def test_a_command_waits_as_long_as_mujoco_lets_it(
+    tmp_path: Path, delay: str, acts_s: float
+) -> None:
+    """By its buffer, and without interpolation by whole steps: here of 1 ms."""
+    elements = read_elements(written(tmp_path, elbow=delay))
+    assert [a.delay_s for a in elements.actuators] == pytest.approx([0.0, acts_s])
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    data, forces = mujoco.MjData(model), []
+    data.ctrl[1] = 0.2
+    for _ in range(40):
+        mujoco.mj_step(model, data)
+        forces.append(float(data.actuator_force[1]))
+    acts = np.array(forces) > 1.4  # half of 15 N m/rad times 0.2 rad
+    assert int(np.argmax(acts)) == pytest.approx(acts_s / 0.001, abs=0.6)
 
 
 def test_files_may_have_any_names(tmp_path: Path) -> None:

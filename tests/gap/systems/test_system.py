@@ -13,6 +13,7 @@ from wakedeploy.gap.systems.checks import _tried, checked
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.imagined import imagined
+from wakedeploy.gap.systems.sensitivity import column_notes
 from wakedeploy.gap.systems.system import Point
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
@@ -136,10 +137,8 @@ def test_a_sound_system_passes():
         ({"rate_hz": 0.0}, "rate_hz"),
         ({"steps": 0}, "steps is 0; give a whole number from 1 to 64"),
         ({"inputs": [Input("force_n", "N", hold="cubic")]}, "holds 'cubic', not"),
-        (
-            {"inputs": [Input("force_n", "N", delay_s=-0.1)]},
-            "has the delay_s -0.1; give one from 0",
-        ),
+        ({"inputs": [Input("force_n", "N", delay_s=-0.1)]}, "has the delay_s -0.1; give seconds"),
+        ({"inputs": [Input("force_n", "N", delay_s="0.1")]}, "has the delay_s '0.1'; give seconds"),
         ({"step": lambda s, state, u, c: {}}, "both of `derivative` and `step`"),
         ({"inputs": [Input("speed_mps", "m/s")]}, "an input and a state"),
     ],
@@ -149,15 +148,12 @@ def test_what_does_not_fit_is_said_by_name(changes, said):
         checked(_with(**changes))
 
 
-@pytest.mark.parametrize("rows", [5.0, 2.25])
-def test_an_input_that_is_known_to_act_later_does(rows):
-    """As if its column had been logged later; of parts of a row, the mean of what acts."""
+def test_an_input_that_is_known_to_act_later_does():
+    """As if its column had been logged later."""
     random, time_s = np.random.default_rng(1), np.arange(300) / 100.0
     force = np.repeat(random.uniform(-1.0, 1.0, 30), 10)
-    at = np.arange(300) - int(rows)
-    newer, older = force[np.clip(at, 0, None)], force[np.clip(at - 1, 0, None)]
-    later = (1.0 - rows % 1.0) * newer + rows % 1.0 * older
-    late = _with(inputs=[Input("force_n", "N", delay_s=rows / 100.0)])
+    later = np.concatenate([np.full(5, force[0]), force[:-5]])
+    late = _with(inputs=[Input("force_n", "N", delay_s=0.05)])
     columns = {"force_n": force, "position_m": random.standard_normal(300)}
     replayed = late.simulate(Recording("log", time_s, columns))
     known = Axis().simulate(Recording("log", time_s, columns | {"force_n": later}))
@@ -170,6 +166,24 @@ def test_an_input_that_is_known_to_act_later_does(rows):
         for m, f in ((model, force), (plain, later))
     )
     np.testing.assert_allclose(waiting, shifted, atol=1e-12)
+    # What acts first came before the log: nobody is to blame for what it did.
+    scored = [np.count_nonzero(m.score((), fitted.theta, 0).log_density) for m in (model, plain)]
+    assert scored[0] == scored[1] - 5
+    with pytest.raises(UnusableInput, match="nothing of it acts; give seconds"):
+        LogModel(_with(inputs=[Input("force_n", "N", delay_s=50.0)]),
+                 [Recording("log", time_s, columns)])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [(None, "returned None; return a list of sentences"), ([1], "return a list of sentences")],
+)
+def test_a_system_s_own_notes_are_sentences(returned, said):
+    columns = {"force_n": np.zeros(300), "position_m": np.random.default_rng(1).random(300)}
+    system = _with(log_notes=lambda s, outputs: returned)
+    model = LogModel(system, [Recording("log", np.arange(300) / 100.0, columns)])
+    with pytest.raises(UnusableInput, match=f"Axis.log_notes: .*{said}"):
+        column_notes(model)
 
 
 def _under(returned):

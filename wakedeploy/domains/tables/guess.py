@@ -77,8 +77,8 @@ class _File:
     def sampled(self) -> Iterator[tuple[str, Vector]]:
         """The stamps at which each column has a number."""
         for timing in self.timings:
-            own = {n: v for n, v in self.values.items() if self.timing_of(n) is timing}
-            yield from sampled_of(self.name, timing, own)
+            stamped = {n: v for n, v in self.values.items() if self.timing_of(n) is timing}
+            yield from sampled_of(self.name, timing, stamped)
 
 
 def guess_columns(path: Path | str) -> str:
@@ -256,9 +256,9 @@ def _not_listed(file: _File, same: Mapping[str, float]) -> Iterator[str]:
         if field.unread:
             yield f"\n# Not listed: {plain_line(field.name)} {field.unread}."
     if same:
-        told = ", ".join(f"{plain_line(name)} {value:.4g}" for name, value in same.items())
+        constant = ", ".join(f"{plain_line(name)} {value:.4g}" for name, value in same.items())
         yield "\n# Not listed, as they never change:"
-        yield textwrap.indent(textwrap.fill(told, 94, break_on_hyphens=False), "#   ")
+        yield textwrap.indent(textwrap.fill(constant, 94, break_on_hyphens=False), "#   ")
 
 
 def _all_values(log: Log, fields: Sequence[Field]) -> dict[str, Values]:
@@ -314,11 +314,11 @@ def _place(file: _File, base: Timing, name: str) -> Iterator[str]:
     if file.name:
         yield f"file = {toml(file.name)}"
     timing = file.timing_of(name)
-    own = (timing.column, timing.unit)
-    if own[0] is not None and own != (base.column, base.unit):
-        yield f"time = {toml(own[0])}{_doubt(file, name)}"
-        if own[1] is not None:
-            yield f"time_unit = {toml(own[1])}"
+    clock = (timing.column, timing.unit)
+    if clock[0] is not None and clock != (base.column, base.unit):
+        yield f"time = {toml(clock[0])}{_doubt(file, name)}"
+        if clock[1] is not None:
+            yield f"time_unit = {toml(clock[1])}"
 
 
 def _doubt(file: _File, name: str) -> str:

@@ -147,12 +147,12 @@ def _places(count: int) -> str:
 
 def _on_ticks(tally: _Tally) -> str:
     silent = f"silent for {tally.silent_s:.3g} s and less" if tally.silent_s else ""
-    told = f"{tally.fresh} of {tally.ticks} ticks have a new sample"
+    remark = f"{tally.fresh} of {tally.ticks} ticks have a new sample"
     if tally.fresh < tally.ticks and tally.column.is_reading:
-        return "; ".join(filter(None, (silent, f"{told}; the others are not measured")))
+        return "; ".join(filter(None, (silent, f"{remark}; the others are not measured")))
     if tally.fresh < tally.ticks and _is_output(tally.column):
         held = "the last sample is held, and counts as measured at the others"
-        return "; ".join(filter(None, (silent, told, held)))
+        return "; ".join(filter(None, (silent, remark, held)))
     return f"{silent}; {_FILLED_BY[tally.column.wanted.method or 'hold']}" if silent else ""
 
 
@@ -161,13 +161,13 @@ def _on_repeats(tally: _Tally) -> str:
     share = 1.0 - tally.fresh / max(tally.ticks, 1)
     if not _is_learnt_from(tally.column) or not tally.ticks or share < _FEW:
         return ""
-    told = f"{_percent(share)} of the ticks repeat a sample, which is"
-    told += f" {tally.late_s / tally.ticks:.2g} s old on average"
+    remark = f"{_percent(share)} of the ticks repeat a sample, which is"
+    remark += f" {tally.late_s / tally.ticks:.2g} s old on average"
     if tally.column.wanted.method == "low-pass":
-        told += ", before the filter"
+        remark += ", before the filter"
     if tally.column.wanted.column.roles != ("force",):
-        return told
-    return f'{told}; resample = "interpolate" in [columns.{tally.column.name}] mends that'
+        return remark
+    return f'{remark}; resample = "interpolate" in [columns.{tally.column.name}] mends that'
 
 
 def _on_lost(tally: _Tally) -> str:
@@ -175,12 +175,12 @@ def _on_lost(tally: _Tally) -> str:
     share = 1.0 - tally.taken / max(tally.passed, 1)
     if not _is_learnt_from(tally.column) or tally.column.wanted.method != "hold" or share < _FEW:
         return ""
-    told = f"{_percent(share)} of the samples are the newest at no tick, and are lost"
+    remark = f"{_percent(share)} of the samples are the newest at no tick, and are lost"
     if tally.passed < _FASTER * tally.ticks:
-        return f"{told}; a higher [resample] rate_hz takes more of them"
+        return f"{remark}; a higher [resample] rate_hz takes more of them"
     if tally.column.wanted.column.roles == ("force",):
-        return f'{told}; resample = "average" in [columns.{tally.column.name}] takes all'
-    return f'{told}; [resample] method = "low-pass" takes all'
+        return f'{remark}; resample = "average" in [columns.{tally.column.name}] takes all'
+    return f'{remark}; [resample] method = "low-pass" takes all'
 
 
 def _percent(share: float) -> str:

@@ -124,8 +124,8 @@ def _provenance(reading: Reading, columns: Columns, notes: Sequence[str]) -> dic
     if columns.training.lead_s:
         made["default_lead_s"] = columns.training.lead_s
     if columns.resample and columns.resample.method == "low-pass":
-        told = f"second-order Butterworth low-pass, {columns.resample.effective_cutoff_hz:g} Hz"
-        made[FILTERED] = dict.fromkeys(columns.with_role("observation"), told)
+        low_pass = f"second-order Butterworth low-pass, {columns.resample.effective_cutoff_hz:g} Hz"
+        made[FILTERED] = dict.fromkeys(columns.with_role("observation"), low_pass)
     return made
 
 

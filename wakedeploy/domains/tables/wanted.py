@@ -94,9 +94,11 @@ def _doubted(name: str, column: Column) -> str:
     if column.column is None or (column.scale, column.offset) != (1.0, 0.0):
         return ""
     named = contradicted(column.column.partition("[")[0].lower(), column.unit)
-    own = contradicted(name.lower(), column.unit)  # of its dimension, `to` or a system may want it
-    if named is None and own is not None and not same_dimension(own, column.unit):
-        named = own
+    renamed = contradicted(
+        name.lower(), column.unit
+    )  # of its dimension, `to` or a system may want it
+    if named is None and renamed is not None and not same_dimension(renamed, column.unit):
+        named = renamed
     return (
         ""
         if named is None

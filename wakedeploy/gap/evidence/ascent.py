@@ -229,8 +229,8 @@ def top_within(
     low, high = low[free], high[free]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     values, vectors = np.linalg.eigh(curvature * scale[:, None] * scale[None, :])
-    told = values > FLAT * values[-1]
-    root, axes = np.sqrt(values[told]), vectors[:, told].T
+    informed = values > FLAT * values[-1]
+    root, axes = np.sqrt(values[informed]), vectors[:, informed].T
     aim = axes @ (scale * gradient) / root
     step = axes.T @ (aim / root)
     lowest = np.minimum(low - theta, 0.0) / scale

@@ -248,23 +248,26 @@ def told_by_data(fitted: Fit, effect: str) -> Fit:
     they do not tell stays where it is plausible.
     """
     total = fitted.slopes.fisher().sum(0) + np.diag(prior_precision(fitted.free))
-    own = [
+    places = [
         i
         for i, f in enumerate(fitted.free)
         if f.name.startswith(f"{effect}.") and np.isfinite(f.prior_sd) and _is_within(f, fitted, i)
     ]
-    while own and not _is_told(total, own, [fitted.free[i].prior_sd for i in own]):
-        own.pop(_least_told(total, own, [fitted.free[i].prior_sd for i in own]))
-    if not own:
+    while places and not _is_told(total, places, [fitted.free[i].prior_sd for i in places]):
+        places.pop(_least_told(total, places, [fitted.free[i].prior_sd for i in places]))
+    if not places:
         return fitted
-    precision = np.array([1.0 / fitted.free[i].prior_sd ** 2 for i in own])
+    precision = np.array([1.0 / fitted.free[i].prior_sd ** 2 for i in places])
     alone, pull = total.copy(), np.zeros(len(total))
-    alone[own, own] -= precision
-    pull[own] = [
-        (fitted.theta[i] - fitted.free[i].neutral) * p for i, p in zip(own, precision, strict=True)
+    alone[places, places] -= precision
+    pull[places] = [
+        (fitted.theta[i] - fitted.free[i].neutral) * p
+        for i, p in zip(places, precision, strict=True)
     ]
     theta = np.clip(fitted.theta + solved(alone, pull), *bounds_of(fitted.free))
-    free = tuple(replace(f, prior_sd=np.inf) if i in own else f for i, f in enumerate(fitted.free))
+    free = tuple(
+        replace(f, prior_sd=np.inf) if i in places else f for i, f in enumerate(fitted.free)
+    )
     summits = tuple(told_by_data(summit, effect) for summit in fitted.summits)
     return replace(fitted, theta=theta, free=free, summits=summits)
 

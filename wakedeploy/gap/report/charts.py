@@ -13,10 +13,10 @@ import numpy as np
 from wakedeploy.core import figures
 from wakedeploy.gap.report.maps import AFTER, BEFORE, labelled
 from wakedeploy.gap.report.shrinkage import closed_words, gap_channel, unchanged
-from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import White
 from wakedeploy.gap.systems.gantry.artefacts import Find, Replay, Show, Spectrum, Summary, Traces
 from wakedeploy.gap.systems.gantry.findings import Confusion, Gap, Retraining
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.wording import FloatArray, numbers, quantity, scale_of
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WIDTH_IN = 7.5
-_STRAY = 6.0 * 1.4826  # medians of the error's size beyond which a reading strayed, as in `showing`
 _ON_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
 _DARK_BELOW_NATS = 60.0  # where the heat map's shades are dark
 _MOST_NUMBERED = 12  # names in a confusion matrix whose cells still have room for numbers
@@ -144,7 +143,7 @@ def draw_traces(traces: Traces | None) -> "Figure | None":
     for forecast_m, colour, label in ((before_m, BEFORE, "before"), (after_m, AFTER, "after")):
         height.plot(time_s, forecast_m, color=colour, label=f"forecast {label}")
         error_mm = 1e3 * (forecast_m - measured_m)
-        usual = np.abs(error_mm) < _STRAY * float(np.nanmedian(np.abs(error_mm)))
+        usual = np.abs(error_mm) < RULES.stray * 1.4826 * float(np.nanmedian(np.abs(error_mm)))
         rms = math.sqrt(float(np.mean(error_mm[usual] ** 2))) if usual.any() else math.nan
         reach = max(reach, float(np.max(np.abs(error_mm[usual]), initial=0.0)))
         error.plot(time_s, error_mm, color=colour, label=f"{label}: {rms:.1f} mm rms")

@@ -16,7 +16,7 @@ from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.core.validation import first_problem
 from wakedeploy.gap.rules import RULES, Rules
 
-VERSION = 2
+VERSION = 3
 
 Verdict = Literal["named", "class", "none", "unknown"]
 

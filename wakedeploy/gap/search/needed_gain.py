@@ -35,8 +35,8 @@ def needed_nats(effect: Candidate, chance: Chance, tried: int) -> float:
     gains = np.asarray(effect.gains)
     if len(gains) < RULES.fewest_blocks or not gains.std():
         return chance.nats
-    own = float(gains.sum()) - effect.looked_nats  # without what priors say of parameters
-    if own <= chance.without_loud_nats:
+    by_data = float(gains.sum()) - effect.looked_nats  # without what priors say of parameters
+    if by_data <= chance.without_loud_nats:
         return chance.nats
     by_chance = float(ttest_1samp(gains, 0.0, alternative="greater").pvalue)
     is_steady = by_chance * max(tried, 1) < RULES.steady_alarms

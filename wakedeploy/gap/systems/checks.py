@@ -139,9 +139,10 @@ def _check_names(system: System) -> None:
                 f"{system.name}: input {i.name!r} has the limits {i.low} and {i.high}; give the "
                 "lower one first."
             )
-        if not 0.0 <= i.delay_s < math.inf:
+        if not isinstance(i.delay_s, int | float) or not 0.0 <= i.delay_s < math.inf:
             raise UnusableInput(
-                f"{system.name}: input {i.name!r} has the delay_s {i.delay_s}; give one from 0."
+                f"{system.name}: input {i.name!r} has the delay_s {i.delay_s!r}; give seconds, of "
+                "0 or more."
             )
         if i.hold not in HOLDS:
             raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {HOLDS}.")

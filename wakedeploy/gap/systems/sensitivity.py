@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import contradicted
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
 from wakedeploy.gap.evidence.inference import fit
@@ -19,9 +20,11 @@ from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.search.first_look import Ground, look
+from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.system import System
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
 from wakedeploy.gap.wording import counted, minus
 
@@ -106,7 +109,16 @@ def column_notes(model: LogModel) -> list[str]:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
     names = [output.name for output in model.system.outputs]
     columns = np.concatenate([log.outputs for log in logs], axis=1)
-    return notes + model.system.log_notes(dict(zip(names, columns, strict=True)))
+    return notes + _own_notes(model.system, dict(zip(names, columns, strict=True)))
+
+
+def _own_notes(system: System, outputs: dict[str, FloatArray]) -> list[str]:
+    """What a system itself says of its logs."""
+    where = f"{system.name}.log_notes"
+    notes = attempted(where, system.log_notes, outputs)
+    if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+        raise UnusableInput(f"{where}: returned {notes!r:.60}; return a list of sentences.")
+    return notes
 
 
 def step_notes(model: LogModel, base: Fit) -> list[str]:

@@ -297,6 +297,11 @@ class System:
         """
         return []
 
+    @property
+    def unheard(self) -> int:
+        """Samples of a log in which an input acts that came before it, and that nobody knows."""
+        return math.ceil(self.rate_hz * max((i.delay_s for i in self.inputs), default=0.0) - 1e-9)
+
     def log_notes(self, outputs: Mapping[str, FloatArray]) -> list[str]:
         """Sentences for `gap check` about what logs show of this system; none unless overridden.
 

@@ -106,6 +106,13 @@ def test_a_command_that_arrives_within_a_sample_acts_from_there_on(delay_s):
     assert np.abs(shown[0] - log.columns["x_m"]).max() < 2e-4  # by the mean it is 3.5 mm
     assert np.ptp(log.columns["x_m"]) > 1.0
 
+    stated = [Input("command", "1", delay_s=delay_s)]
+    late = LogModel(type("Late", (Cart,), {"inputs": stated})(), [log])
+    late.filter.guesses[:, 0] = 0.0
+    plain = late.values((), neutral(late.free(())))
+    _, known = late.filter.free_run(late.acting(()), {n: np.array([v]) for n, v in plain.items()})
+    np.testing.assert_allclose(known, shown, atol=1e-9)
+
 
 @pytest.mark.slow
 def test_a_delay_of_a_coarse_log_is_named_where_it_is():

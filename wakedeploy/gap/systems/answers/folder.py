@@ -51,10 +51,10 @@ class OwnFolder(Folder):
     def add(self) -> Answer:
         """What was found, or the effect that was asked for, as a file that the system loads."""
         answer = self.name()
-        fitted, told = self.found()[1], answer
+        fitted, exported = self.found()[1], answer
         if self.only is not None:
             fitted = self._with_member(answer, self.only)
-            told = _with_effects_of(answer, fitted)
+            exported = _with_effects_of(answer, fitted)
         correction = correction_of(self.log_model, fitted)
         if correction.is_empty:
             (self.out / CORRECTION).unlink(missing_ok=True)  # of an earlier answer
@@ -62,7 +62,7 @@ class OwnFolder(Folder):
             write_correction(correction, self.out / CORRECTION)
         system = self.log_model.system
         where = f"{system.name}.export"
-        self.exported = attempted(where, system.export, told, self.out)
+        self.exported = attempted(where, system.export, exported, self.out)
         return answer
 
     def plan(self) -> Planned | None:

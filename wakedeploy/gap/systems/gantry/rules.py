@@ -22,9 +22,11 @@ class GantryRules(Rules):
         long_terms: An expression of so many terms is believed only after effects were tried in
             pairs.
         dropped_nats: An effect that gains less beside others is dropped.
-        used_nats: What gained less where it was fitted has not been used by a placebo.
+        used_nats: A wrong effect that gained less than this where it was fitted is no placebo, as
+            it changes nothing.
         stray: Errors beyond so many times the usual are readings that strayed, and no forecasts'.
-        nothing_level: Of the interval of a reference's effect that may not hold "nothing".
+        nothing_level: An effect that reference flights show has an interval of this level that does
+            not hold "no effect".
         odd_p: A flight is unlike the others where chance makes one so far away less often.
         variation_p: A constant varies from flight to flight where chance makes as much less often.
     """

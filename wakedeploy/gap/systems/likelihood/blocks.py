@@ -93,7 +93,10 @@ def _log(system: System, recording: Recording) -> Log:
         )
     n = len(recording.time_s) // every
     logged = [_input(recording, i)[: n * every] for i in system.inputs]
-    inputs = [row.reshape(n, every).mean(1) for row in logged]
+    inputs = [
+        shifted(row, stated.delay_s * recording.rate_hz).reshape(n, every).mean(1)
+        for stated, row in zip(system.inputs, logged, strict=True)
+    ]
     driving = [
         _driving(system, i, row, every) for i, row in zip(system.inputs, logged, strict=True)
     ]
@@ -126,10 +129,14 @@ def parts_in_step(system: System) -> int:
 
 
 def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:
-    """An input in each part of the model's steps: its mean there, of `every` rows in a sample."""
+    """An input in each part of the model's steps: its mean there, of `every` rows in a sample.
+
+    It is late by parts and not by rows, as a dead time that is found is.
+    """
     parts = system.steps * parts_in_step(system)
     finer = parts // math.gcd(parts, every)
-    return np.asarray(between(rows, stated.hold, finer).reshape(-1, finer * every // parts).mean(1))
+    means = between(rows, stated.hold, finer).reshape(-1, finer * every // parts).mean(1)
+    return shifted(means, stated.delay_s * system.rate_hz * parts)
 
 
 def _column(recording: Recording, name: str) -> FloatArray:
@@ -143,8 +150,13 @@ def _column(recording: Recording, name: str) -> FloatArray:
 
 
 def _input(recording: Recording, stated: Input) -> FloatArray:
-    """An input as it acts in each row, its short gaps filled with the last value."""
-    name = stated.name
+    """An input as it was logged, its short gaps filled with the last value."""
+    name, lasts_s = stated.name, float(recording.time_s[-1] - recording.time_s[0])
+    if stated.delay_s > 0.0 and not stated.delay_s < lasts_s:
+        raise UnusableInput(
+            f"{recording.name}: it lasts {lasts_s:.4g} s, and input {name!r} has a delay_s of "
+            f"{stated.delay_s:.4g}: nothing of it acts; give seconds."
+        )
     column = _column(recording, name)
     missing = ~np.isfinite(column)
     if missing.mean() > _MOST_MISSING or missing[0]:
@@ -153,7 +165,7 @@ def _input(recording: Recording, stated: Input) -> FloatArray:
             "log where its inputs are known."
         )
     last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(column))))
-    return shifted(column[last], stated.delay_s * recording.rate_hz)
+    return np.asarray(column[last])
 
 
 def blocks_of(logs: Sequence[Log]) -> list[Block]:

@@ -193,7 +193,8 @@ class Filter:
     ) -> Run:
         """Over some blocks, for parameter sets `values` of arrays (K,)."""
         blocks = [self.blocks[e] for e in episodes]
-        pieces = pieces_of(blocks, 2 * len(acting.system.states) + _OWN_STATES)
+        unsettled = acting.system.unheard + 2 * len(acting.system.states) + _OWN_STATES
+        pieces = pieces_of(blocks, unsettled)
         count, parts = len(next(iter(values.values()))), pieces.sample.shape[1]
         lanes = count * parts
         at = pieces.sample + self._offset[pieces.log][None, :]

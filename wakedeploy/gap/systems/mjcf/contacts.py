@@ -5,15 +5,17 @@ In: a file's elements and measured positions of its joints. Out: sentences for `
 
 from collections import Counter
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco
+from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco, silent
 from wakedeploy.gap.systems.system import FloatArray
 from wakedeploy.gap.wording import listed
 
 _PLACES = 1000  # of the logs' samples that are looked at, evenly
 _MOST_TOLD = 3  # pairs of bodies
+_LEAST_TOLD = 0.01  # share of the samples, that is told in whole percent
 
 
 def contact_notes(elements: Elements, outputs: Mapping[str, FloatArray]) -> list[str]:
@@ -34,33 +36,42 @@ def contact_notes(elements: Elements, outputs: Mapping[str, FloatArray]) -> list
     touched = sum(1 for found in pairs if found)
     if not touched:
         return []
-    often = Counter(pair for found in pairs for pair in found)
-    named = listed([" and ".join(pair) for pair, _ in often.most_common(_MOST_TOLD)])
+    often = Counter(pair for found in pairs for pair in found).most_common(_MOST_TOLD)
+    names = [[elements.model.body(at).name or f"body {at}" for at in pair] for pair, _ in often]
+    named = listed([" and ".join(pair) for pair in names])
+    share = touched / len(places)
+    shown = f"{share:.0%}" if share >= _LEAST_TOLD else f"less than {_LEAST_TOLD:.0%}"
     return [
-        f"bodies of {elements.path.name} touch at {touched / len(places):.0%} of the samples "
+        f"bodies of {elements.path.name} touch at {shown} of the samples "
         f"({named}): a contact acts as the file has it, and nothing that it lacks is searched for. "
         "Leave such logs out; or, where they did not touch, mend the geoms, or take them out of "
-        'contacts by contype="0" conaffinity="0".'
+        'contacts by contype="0" conaffinity="0", and out of any <contact><pair>.'
     ]
 
 
 def _may_touch(elements: Elements) -> bool:
     model = elements.model
-    return bool(np.any(model.geom_contype) and np.any(model.geom_conaffinity))
+    by_kind = np.any(model.geom_contype) and np.any(model.geom_conaffinity)
+    return bool(by_kind or model.npair)
 
 
-def _touching(elements: Elements, places: FloatArray) -> list[set[tuple[str, ...]]]:
-    """The pairs of bodies that lie within each other, at each of the places (N, joints)."""
+def _touching(elements: Elements, places: FloatArray) -> list[set[tuple[int, ...]]]:
+    """The pairs of bodies that push each other, at each of the places (N, joints)."""
     library, model = mujoco(elements.path), elements.model
     data, found = library.MjData(model), []
-    for place in places:
-        data.qpos[[j.qpos for j in elements.joints]] = place
-        library.mj_fwdPosition(model, data)
-        geoms = [(int(c.geom1), int(c.geom2)) for c in data.contact if c.dist < 0.0]
-        found.append({tuple(_body(model, geom) for geom in pair) for pair in geoms})
+    with silent(library):
+        for place in places:
+            data.qpos[[j.qpos for j in elements.joints]] = place
+            library.mj_fwdPosition(model, data)
+            found.append({_bodies(model, c) for c in data.contact if _pushes(c)})
     return found
 
 
-def _body(model: object, geom: int) -> str:
-    body = model.body(int(model.geom_bodyid[geom]))  # type: ignore[attr-defined]
-    return str(body.name) or f"body {body.id}"
+def _pushes(contact: Any) -> bool:
+    """Whether two geoms, and not something soft, are near enough for a force."""
+    is_of_geoms = contact.geom1 >= 0 and contact.geom2 >= 0
+    return bool(is_of_geoms and not contact.exclude and contact.dist < contact.includemargin)
+
+
+def _bodies(model: Any, contact: Any) -> tuple[int, ...]:
+    return tuple(sorted(int(model.geom_bodyid[geom]) for geom in (contact.geom1, contact.geom2)))

@@ -127,13 +127,13 @@ def _spring(written: Fitted, joint: Joint, effect: Found) -> str:
     model, size = written.elements.model, effect.parameters[parameter]
     at_m_rad = _rest(written, joint)
     of_file = [_of_joint(model, joint, one) for one, _ in _SPRINGS.values()]
-    own = written.value("joint", joint.name, "stiffness", of_file[0])
+    stiffness = written.value("joint", joint.name, "stiffness", of_file[0])
     if at_m_rad != 0.0:
-        both = own + size.value
-        if not own and not any(of_file):
+        both = stiffness + size.value
+        if not stiffness and not any(of_file):
             written.follow("joint", joint.name, "springref", 0.0)
         elif effect.kind == "stiffness" and both and not any(of_file[1:]):
-            written.follow("joint", joint.name, "springref", own * at_m_rad / both)
+            written.follow("joint", joint.name, "springref", stiffness * at_m_rad / both)
         else:
             return _without(effect, "the joint's own spring does not rest at 0")
     _add_to_joint(written, joint, attribute, size)
@@ -144,11 +144,11 @@ def _preloaded(written: Fitted, joint: Joint, effect: Found) -> str:
     """A spring that rests where it bears nothing; a joint has one such place."""
     model = written.elements.model
     stiffness, preload = (effect.parameters[name] for name in ("stiffness", "preload"))
-    own = (
+    springs = (
         written.value("joint", joint.name, attribute, _of_joint(model, joint, attribute))
         for attribute, _ in _SPRINGS.values()
     )
-    if any(own):
+    if any(springs):
         return _without(effect, "the joint has a spring of its own, which rests elsewhere")
     if not stiffness.value > 0.0:
         return _without(effect, "the spring pushes away from where it rests")

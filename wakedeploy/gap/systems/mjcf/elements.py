@@ -134,7 +134,7 @@ def read_elements(path: Path) -> Elements:
     """
     library, (model, delays_s) = mujoco(path), _without_delays(path)
     _refuse_unfit(library, path, model)
-    with _silent(library):
+    with silent(library):
         joints = _joints(library, path, model)
     actuators = _actuators(library, path, model, delays_s)
     if not joints:
@@ -150,11 +150,27 @@ def read_elements(path: Path) -> Elements:
 def _without_delays(path: Path) -> tuple[Any, list[float]]:
     """A file compiled with no command that waits, and by how much each would [s]."""
     spec, model = read_spec(path)
-    delays_s = [float(delay) for delay in model.actuator_delay]
+    delays_s = [_delay_s(model, i) for i in range(model.nactuator)]
+    if not any(delays_s):
+        return model, delays_s
     for actuator, delay_s in zip(spec.actuators, delays_s, strict=True):
         if delay_s > 0.0:
             actuator.delay, actuator.nsample = 0.0, 0
-    return (spec.compile() if any(delays_s) else model), delays_s
+    with silent(mujoco(path)):
+        return spec.compile(), delays_s
+
+
+def _delay_s(model: Any, i: int) -> float:
+    """By how much a command acts later [s]: by no more than MuJoCo remembers.
+
+    Without interpolation it is late by whole steps.
+    """
+    step_s = float(model.opt.timestep)
+    remembered, interpolation = (int(number) for number in model.actuator_history[i])
+    delay_s = min(float(model.actuator_delay[i]), remembered * step_s)
+    if delay_s <= 0.0 or interpolation:
+        return max(delay_s, 0.0)
+    return step_s * math.ceil(delay_s / step_s - 1e-6)
 
 
 def read_spec(path: Path) -> tuple[Any, Any]:
@@ -164,7 +180,7 @@ def read_spec(path: Path) -> tuple[Any, Any]:
         raise UnusableInput(f"{path}: no such file; give an MJCF file.")
     require_bounded(path)
     try:
-        with _silent(library):
+        with silent(library):
             spec = library.MjSpec.from_file(str(path))
             return spec, spec.compile()
     except ValueError as error:
@@ -173,7 +189,7 @@ def read_spec(path: Path) -> tuple[Any, Any]:
 
 
 @contextlib.contextmanager
-def _silent(library: Any) -> Iterator[None]:
+def silent(library: Any) -> Iterator[None]:
     """MuJoCo neither prints nor writes MUJOCO_LOG.TXT: what it warns of is checked here."""
     before = library.get_mju_user_warning()
     library.set_mju_user_warning(lambda message: None)

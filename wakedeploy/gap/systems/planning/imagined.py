@@ -38,8 +38,9 @@ def imagined(
     finely = steps * parts_in_step(model.system)
 
     def acted(name: str, row: FloatArray) -> FloatArray:
-        later = shifted(row, stated[name].delay_s / model.dt_s)
-        return _finely(acting.parts(name, between(later, stated[name].hold, finely), values))
+        parts = between(row, stated[name].hold, finely)
+        later = shifted(parts, stated[name].delay_s / model.dt_s * finely)
+        return _finely(acting.parts(name, later, values))
 
     driven = {n: np.array([acted(n, row) for row in rows]) for n, rows in columns.items()}
     lanes, count = next(iter(columns.values())).shape

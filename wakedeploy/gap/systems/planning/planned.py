@@ -51,13 +51,13 @@ class Planned(Artefact):
             )
         if not self.splits:
             return " ".join([self._none_worth_it, *self._same, INSTEAD])
-        told = "The present logs tell nothing of it."
+        compared = "The present logs tell nothing of it."
         if self.logged_nats > 0.0:
-            told = f"That tells {self._as_much}."
+            compared = f"That tells {self._as_much}."
         return " ".join(
             [
                 f"Record {self.input} on {listed(self.moved)} for {self.seconds:.3g} s.",
-                *([told] if self.nats > 0.0 else []),
+                *([compared] if self.nats > 0.0 else []),
                 f"To decide it with margin takes {counted(self.logs, 'such log')}.",
                 *self._same,
             ]
