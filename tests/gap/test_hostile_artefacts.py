@@ -14,7 +14,7 @@ from benchmarks.hidden_effects.lines import LINES, read_lines
 from wakedeploy.cli.gap_plan import _class_in
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.report.summary import account
-from wakedeploy.gap.search.artefacts import Place
+from wakedeploy.gap.search.artefacts import VERSION, Place
 from wakedeploy.gap.search.places import forbids_none
 from wakedeploy.gap.systems.gantry import find_name_add_show as close
 from wakedeploy.gap.systems.gantry.artefacts import Name
@@ -57,7 +57,7 @@ def folder(tmp_path: Path) -> Path:
         ("name", {"class": "both"}, "class = 'both'"),
         ("name", {"verdict": "perhaps"}, "verdict = 'perhaps'"),
         ("name", {"gremlin": 1}, "gremlin is not known"),
-        ("name", {"version": 0}, "version 0; this program reads 2"),
+        ("name", {"version": 0}, f"version 0; this program reads {VERSION}"),
         (
             "name",
             {"unknown": {"parameters": {"c1": {"value": 1e300}}}},

@@ -13,6 +13,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import extended
 from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.search.artefacts import VERSION
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU
@@ -105,7 +106,7 @@ def test_sizes_come_from_a_whole_answer_of_the_same_system(model, tmp_path) -> N
     ranked = {"name": DRAG, "gain_nats": 9.0, "needed_nats": 3.0, "interval": [8.0, 10.0],
               "parameters": sizes}  # fmt: skip
     told = {
-        "version": 2, "domain": "Mass", "verdict": "class", "class": [DRAG, LAG],
+        "version": VERSION, "domain": "Mass", "verdict": "class", "class": [DRAG, LAG],
         "threshold_nats": 3.0, "effects": [], "parameters": {}, "constants": {}, "noise": {},
         "rounds": [{"given": [], "threshold_nats": 3.0, "steady_nats": 3.0, "ranking": [ranked]}],
         "unsettled": [], "sealed_gain_nats": 4.0,

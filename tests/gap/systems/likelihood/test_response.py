@@ -11,7 +11,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap import workflow
 from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Answer, Disagreements, read
+from wakedeploy.gap.search.artefacts import VERSION, Answer, Disagreements, read
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.answers.words import FURTHER_LOG, sentences
 from wakedeploy.gap.systems.likelihood.response import ResponseModel, covariance, scored
@@ -164,7 +164,11 @@ def test_steps_in_a_folder_tell_what_they_tell_without_one(bent, tmp_path, monke
 @pytest.mark.parametrize(
     ("file", "damage", "says"),
     [
-        ("find.json", lambda told: told | {"version": 0}, "version 0; this program reads 2"),
+        (
+            "find.json",
+            lambda told: told | {"version": 0},
+            f"version 0; this program reads {VERSION}",
+        ),
         ("find.json", lambda told: told | {"where": [{"low": "x"}]}, "where.0.channel is missing"),
         ("name.json", lambda told: told | {"base_theta": {}}, "not the parameters of its fit"),
         ("name.json", lambda told: told | {"found_theta": {}}, "not the parameters of its fit"),
