@@ -1,5 +1,6 @@
 """What an effect has to gain: more than chance, or a little in block after block."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ from linear_model import Linear
 
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search import needed_gain
 from wakedeploy.gap.search.artefacts import Round
 from wakedeploy.gap.search.needed_gain import Chance, is_shared, needed_nats
@@ -72,7 +74,7 @@ def test_gains_of_noise_are_seldom_steady():
 @pytest.mark.parametrize(("quiet_nats", "kept"), [(0.5, ("a", "c")), (1000.0, ("c",))])
 def test_what_is_steady_stays_beside_what_was_found_after_it(monkeypatch, quiet_nats, kept):
     """Loud moments would ask a thousand nats of it; without them chance brings little."""
-    monkeypatch.setattr(needed_gain, "_FEWEST", 5)
+    monkeypatch.setattr(needed_gain, "RULES", replace(RULES, fewest_blocks=5))
     model = Linear({"gain": 0.4, "a": 0.5, "c": 0.6})
     episodes = range(model.episodes)
     found = fit(model, ("a", "c"), episodes)

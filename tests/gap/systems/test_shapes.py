@@ -65,8 +65,14 @@ def recorded(force) -> Recording:
 
 
 def leading(force) -> Candidate:
-    model = LogModel(Carriage(), [recorded(force)])
-    return ranked(model, fitted_base(model), list(model.effects))[0][0]
+    model, told = LogModel(Carriage(), [recorded(force)]), list[tuple[int, int]]()
+    names = list(model.effects)
+    best = ranked(model, fitted_base(model), names, lambda *at: told.append(at))[0][0]
+    # What takes longest, a climb, is told step by step as well.
+    assert told == sorted(told)
+    assert {total for _, total in told} == {told[-1][0]}
+    assert any(len(names) < done < total for done, total in told)
+    return best
 
 
 @pytest.mark.parametrize("loss_spm", [0.0, pytest.param(3.0, marks=pytest.mark.slow)])
