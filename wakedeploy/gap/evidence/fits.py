@@ -102,6 +102,12 @@ def scores_of(
     return [tuple(model.score(hypothesis, theta, e) for e in episodes) for theta in thetas]
 
 
+def sets_at_once(model: Model, episodes: Sequence[int]) -> int:
+    """How many parameter sets a model scores in at most twice the time of one."""
+    counted = getattr(model, "sets_at_once", None)
+    return 1 if counted is None else int(counted(episodes))
+
+
 @dataclass(frozen=True, eq=False)
 class Slopes:
     """Scores of several episodes and their derivatives by every parameter."""

@@ -167,6 +167,9 @@ class Acting:
         derivative, or of the next states. Frictions of one speed are one, as strong as all.
         """
         count, lanes = len(self.dry), x.shape[1]
+        if not count:
+            none = np.zeros((0, lanes))
+            return none, none, np.zeros((0, *x.shape))
         strengths, weighted = np.zeros((count, lanes)), np.zeros((count, lanes))
         answers, named = [], dict(zip(self.states, x[:, None], strict=True))
         for q, place in enumerate(self.dry):

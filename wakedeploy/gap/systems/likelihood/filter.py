@@ -9,7 +9,7 @@ Automatica 40, 2004, whose estimates are those of an extended Kalman filter, too
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from wakedeploy.physics.series import IntArray
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _OWN_STATES = 6  # samples more that settle what effects may add; the same for every hypothesis
+_GATHERED = 64  # samples whose inputs are gathered at once
 _LOST = 1e12  # in its own unit: a state that far away has left the model
 
 
@@ -155,6 +156,28 @@ class Inputs:
             before = self._part(0, sets, step - 1 + np.isin(step, self._begins))
         return Driving(self._part(0, sets, step), early, before)
 
+    def along(self, at: IntArray, steps: int) -> Iterator[Driving]:
+        """In every step of samples `at` (T, S), one after another: of all sets, (1, L)."""
+        for first in range(0, len(at), _GATHERED):
+            some = steps * at[first : first + _GATHERED, None, :] + np.arange(steps)[:, None]
+            step = some.reshape(-1, at.shape[1])
+            mean = self._gathered(0, step)
+            early = self._gathered(1, step) if self._is_bent else {}
+            before: dict[str, FloatArray] = {}
+            if self._begins is not None:
+                before = self._gathered(0, step - 1 + np.isin(step, self._begins))
+            for i in range(len(step)):
+                yield Driving(
+                    *({n: rows[i] for n, rows in u.items()} for u in (mean, early, before))
+                )
+
+    def _gathered(self, part: int, step: IntArray) -> dict[str, FloatArray]:
+        """In steps (C, S), of all parameter sets: (C, 1, L)."""
+        return {
+            n: np.moveaxis(rows[:, part, step], 0, 1).reshape(len(step), 1, -1)
+            for n, rows in self._columns.items()
+        }
+
     def _part(self, part: int, sets: Any, step: IntArray) -> dict[str, FloatArray]:
         return {n: rows[sets, part, step].reshape(1, -1) for n, rows in self._columns.items()}
 
@@ -198,7 +221,7 @@ class Filter:
         count, parts = len(next(iter(values.values()))), pieces.sample.shape[1]
         lanes = count * parts
         at = pieces.sample + self._offset[pieces.log][None, :]
-        inputs, every = self.arriving(acting, values), np.arange(count)[:, None]
+        driving = self.arriving(acting, values).along(at, acting.system.steps)
         spread = {n: np.repeat(v, parts)[None, :] for n, v in values.items()}
         spread |= acting.formed(spread)
         logged = self._outputs if outputs is None else outputs
@@ -221,9 +244,8 @@ class Filter:
         if not all_readings:
             measured[self._passed_over(measured, pieces)] = np.nan
         measured, sensor_sd = np.tile(measured, (1, 1, count)), np.sqrt(noise.sensor)
-        for t, here in enumerate(at):
-            time_s = times[t][None, :]
-            u = inputs.at(every, steps * here)
+        for t in range(len(at)):
+            time_s, u = times[t][None, :], next(driving)
             if not timeless:
                 c = acting.constants(spread, time_s)
             around = points_around(x, aside, points)
@@ -233,7 +255,7 @@ class Filter:
                       statistics[t])  # fmt: skip
             states[t] = x
             for j in range(steps):
-                u = inputs.at(every, steps * here + j) if j else u
+                u = next(driving) if j else u
                 stepping.on(x, p, u, c, spread, time_s)
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():

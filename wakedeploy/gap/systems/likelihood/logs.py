@@ -21,7 +21,7 @@ from wakedeploy.gap.search.artefacts import Leftover
 from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
 from wakedeploy.gap.systems.kinds.library import Effect, offered, ports_alike
 from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
-from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of
+from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of, pieces_of
 from wakedeploy.gap.systems.likelihood.clocks import late_by_a_row, late_inputs
 from wakedeploy.gap.systems.likelihood.filter import Filter, Run, Start
 from wakedeploy.gap.systems.likelihood.initial_states import InitialStates, initial_states
@@ -30,6 +30,9 @@ from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.system import Point, System
 
 _TOGETHER = 15000  # samples times effects that are looked at in one run
+_LANES_AT_ONCE = (
+    300  # pieces times parameter sets that a filter's step takes about the time of one for
+)
 _SEARCHED = 24000  # samples times states that a search looks at
 _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
@@ -176,6 +179,14 @@ class LogModel(ComparisonDefaults):
         run = self.run(hypothesis, thetas, episodes)
         each = [self._scored(run, i, episode) for i, episode in enumerate(episodes)]
         return list(zip(*each, strict=True))
+
+    def sets_at_once(self, episodes: Sequence[int]) -> int:
+        """How many parameter sets take no more than twice the time of one.
+
+        A step of the filter costs about the same for any number of lanes up to that many.
+        """
+        pieces = pieces_of([self.filter.blocks[e] for e in episodes], 0)
+        return _LANES_AT_ONCE // len(pieces.log)
 
     def run(self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]) -> Run:
         """The filter over some blocks."""
