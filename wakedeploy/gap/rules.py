@@ -55,9 +55,10 @@ class Rules:
             for there, too.
         far_stretch: A stretch of forecasts counts for no more than so many typical ones: from an
             unstable state all models run away.
-        fewest_far: So many stretches that err by more count in full, if an effect halves the error
-            of all of them,
-        far_lost_share: and if the other stretches lose less than this share of what these gain.
+        fewest_far: Stretches that err by more than `far_stretch` count in full where there are so
+            many of them, and an effect halves the error of each.
+        far_lost_share: They do not where the other stretches lose more than this share of what
+            these gain.
         push_share: A lasting push above this share of the usual rate is told; any model's form may
             be off by as much.
         push_ln_sd: The logarithm of its size is known better than to this.
@@ -68,7 +69,8 @@ class Rules:
         hides_nats: A candidate that is not named and gains more is told as what a calibration may
             hide: about half of what a constant hides that has moved by three spreads.
         error_trifle: Share by which an output's error may change without being worth a word.
-        sealed_share: Of the blocks of a system's logs, to confirm on what was found in the others.
+        sealed_share: Share of the blocks of a system's logs that is kept to confirm what was found
+            in the others.
         fewest_flights: Episodes that a verdict is fitted to, at least; of two, each would be judged
             by one other, and their spread by one number.
     """

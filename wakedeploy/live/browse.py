@@ -24,9 +24,8 @@ from wakedeploy.live.flights import Index, reports_in
 from wakedeploy.live.web import Answer, application, bound, serve
 
 MOST_FLIGHTS = 2  # drawn over one another
-_AT_ONCE = (
-    2  # requests whose flights are read: behind a long one that nobody wants any more, another
-)
+# Requests whose flights are read: behind a long one that nobody wants any more, another.
+_AT_ONCE = 2
 _KINDS = {".html": "text/html; charset=utf-8", ".png": "image/png", ".svg": "image/svg+xml"}
 # Reports were made by somebody: they may draw themselves, and reach nothing of this server.
 _REPORT_POLICY = (

@@ -304,6 +304,17 @@ def test_contacts_of_stated_pairs_and_within_a_margin_are_told_of(tmp_path: Path
         assert len(system.log_notes({"shoulder_rad": shoulder, "elbow_rad": elbow})) == told
 
 
+@pytest.mark.parametrize("left_out", ['<exclude body1="world" body2="lower"/>', ""])
+def test_contacts_that_the_model_leaves_out_are_not_told_of(tmp_path: Path, left_out: str) -> None:
+    floor = '<worldbody><geom name="floor" type="plane" size="1 1 0.1" pos="0 0 -0.2"/>'
+    text = ARM.format(shoulder="", elbow="").replace("<worldbody>", floor, 1)
+    path, target = tmp_path / "arm.xml", tmp_path / "my_arm.py"
+    path.write_text(text.replace("</mujoco>", f"<contact>{left_out}</contact></mujoco>"))
+    target.write_text(mjcf_template(path, target))
+    down = {"shoulder_rad": np.zeros(2), "elbow_rad": np.full(2, np.pi / 2.0)}
+    assert bool(read_system(target).log_notes(down)) == (not left_out)
+
+
 @pytest.mark.parametrize(
     ("delay", "acts_s"),
     [('delay="0.02" nsample="5"', 0.005), ('delay="0.0205" nsample="30"', 0.021),
@@ -477,9 +488,10 @@ def test_a_model_whose_actuator_waits_is_read_replayed_and_corrected_again(tmp_p
     corrected = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED))
     assert corrected.actuator_delay[0] == pytest.approx(0.08)
 
-    target.write_text(text.replace(", delay_s=0.06", ""))
-    with pytest.raises(UnusableInput, match=r"a delay of 0\.06 s; state the same in both"):
-        read_system(target)
+    for wrong in ("", ', delay_s="0.06"', ", delay_s=None"):
+        target.write_text(text.replace(", delay_s=0.06", wrong))
+        with pytest.raises(UnusableInput, match=r"a delay of 0\.06 s; state the same in both"):
+            read_system(target)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Coloured noise: innovations against the joint density, places, and effects."""
 
 import json
+from dataclasses import asdict
 from typing import ClassVar
 
 import numpy as np
@@ -157,7 +158,7 @@ def test_steps_in_a_folder_tell_what_they_tell_without_one(bent, tmp_path, monke
     assert (told.gap, told.where) == (result.gap, result.where)
     assert told.effects == result.effects
     left = json.loads((tmp_path / "name.json").read_text())
-    assert left["rules"]["class_nats"] == RULES.class_nats
+    assert left["rules"] == asdict(RULES)  # every number that decided is there to be read
     assert read(tmp_path / "name.json", Answer, "other logs") is None
 
 

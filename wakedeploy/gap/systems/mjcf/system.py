@@ -168,9 +168,12 @@ def _checked_names(system: MjcfSystem, elements: Elements) -> tuple[str, ...]:
             )
     delays_s = {a.command: a.delay_s for a in actuators}
     for stated in system.inputs:
-        if not math.isclose(stated.delay_s, delays_s[stated.name], rel_tol=1e-3, abs_tol=1e-6):
+        same = isinstance(stated.delay_s, int | float) and math.isclose(
+            stated.delay_s, delays_s[stated.name], rel_tol=1e-3, abs_tol=1e-6
+        )
+        if not same:
             raise UnusableInput(
-                f"{system.name}: input {stated.name!r} has delay_s={stated.delay_s:g}, and its "
+                f"{system.name}: input {stated.name!r} has delay_s={stated.delay_s!r}, and its "
                 f"actuator in {elements.path} a delay of {delays_s[stated.name]:g} s; state the "
                 "same in both."
             )
