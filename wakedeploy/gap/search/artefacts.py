@@ -314,18 +314,31 @@ class Disagreements(Artefact):
 
 
 class Answer(Artefact):
-    """name.json: which effects the system lacks. `found_theta` is the fit with them.
+    """name.json: which effects the system lacks.
 
-    `base_theta` is the fit without, from which they were found. It is not always that of find.json:
-    effects that are begun anew may show the way to a better one.
-
-    `rivals` are the effects that cannot be told apart, `parameters` those of all that was named.
-    `moved` are constants that the fit has moved by more than three of their spreads, and by how
-    many. `late_by_a_row` are delays of one sample, of what may have been logged a row too early.
-    `late` are inputs that come later than the outputs that they drive, and by how many
-    seconds: two clocks, or a delay that the system has too much. With `is_outdone` the system's
-    forecasts are no better than the last reading or the mean. With `is_far_ahead` it was asked to
-    predict far ahead, as the next reading told too little.
+    Attributes:
+        verdict: What was concluded: "named", "class", "unknown" or "none".
+        rivals: Effects that cannot be told apart; "class" in the file.
+        threshold_nats: What an effect had to gain to be evident.
+        effects: Each that was found, with its size, its gain and what it matters.
+        parameters: Size, interval and unit of every parameter of what was named.
+        constants: The same of the system's constants, as fitted with it.
+        stated: These constants as the system states them.
+        moved: Constants that the fit moved by more than three of their spreads, and by how many.
+        late: Inputs that come later than the outputs that they drive, and by how many seconds: two
+            clocks, or a delay that the system has too much.
+        late_by_a_row: Delays of one sample, of what may have been logged a row too early.
+        noise: Sizes of the noise, by what it acts on.
+        rounds: What each round of the search ranked.
+        unsettled: Fits that did not reach their top.
+        unexplained: What acts and follows no effect.
+        sealed_gain_nats: What was found gains so much on sealed episodes.
+        placebo: What a wrong effect gains there.
+        is_outdone: Whether the system's forecasts are no better than the last reading or the mean.
+        is_far_ahead: Whether it was asked to predict far ahead: the next reading told too little.
+        found_theta: The fit with what was found.
+        base_theta: The fit without, from which it was found. It is not always that of find.json:
+            effects that are begun anew may show the way to a better one.
     """
 
     verdict: Verdict
