@@ -118,6 +118,35 @@ def test_a_climb_with_fresh_slopes_learns_the_curvature_that_it_lacks() -> None:
     assert np.abs(fitted.theta).max() < 1e-5
 
 
+class Counted(LargeResiduals):
+    """It scores up to `room` sets at once, and counts how often it is asked, and for how many."""
+
+    def __init__(self, room: int) -> None:
+        self.room, self.asked, self.sets = room, 0, 0
+
+    def sets_at_once(self, episodes):
+        return self.room
+
+    def scores(self, hypothesis, thetas, episodes):
+        self.asked += 1
+        self.sets += len(thetas)
+        return [tuple(self.score(hypothesis, theta, e) for e in episodes) for theta in thetas]
+
+
+@pytest.mark.parametrize("enough_nats", [None, 1e-6])
+def test_what_is_scored_at_once_leads_to_the_same_top_with_fewer_questions(enough_nats) -> None:
+    """A step comes with its slopes, and with three shorter ones should it gain nothing."""
+    begun = np.array([4.0, -3.0])
+    alone, ahead, narrow = Counted(1), Counted(9), Counted(4)
+    there = [fit(m, (), (0,), begun, enough_nats=enough_nats) for m in (alone, ahead, narrow)]
+    for other in there[1:]:
+        assert other.theta.tobytes() == there[0].theta.tobytes()
+        assert other.converged == there[0].converged
+    assert ahead.asked <= narrow.asked <= alone.asked
+    assert ahead.asked < 0.75 * alone.asked
+    assert alone.sets <= narrow.sets <= ahead.sets
+
+
 @given(seed=st.integers(0, 2**32 - 1), size=st.integers(1, 6))
 def test_the_top_within_bounds_is_one(seed: int, size: int) -> None:
     """Against a general solver, ridges and scales of many orders included."""

@@ -242,7 +242,8 @@ class System:
     process noise of 0 is none, and stays none. What a `step` only remembers has none by itself, nor
     a correction of its form, if nothing is stated and no force acts there. `outlier_share` of the
     samples may be outliers, `forecast_s` is how far ahead a forecast has to be right for an effect
-    to matter.
+    to matter. `costs_by_point` says that N points take about N times as long as one, as where a
+    simulator is asked for each: a search then tries none that it may not need.
 
     Values are in the units that the class states; each is a number, or (N,) where N points are
     tried at once. What does not fit raises UnusableInput by the name of method, state and point.
@@ -259,6 +260,7 @@ class System:
     outlier_share: ClassVar[float] = 0.0
     forecast_s: ClassVar[float | None] = None
     steps: ClassVar[int] = 1
+    costs_by_point: ClassVar[bool] = False
 
     correction: "Correction | None" = None
 

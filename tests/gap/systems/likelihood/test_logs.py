@@ -70,6 +70,27 @@ def recorded(seed, delay_s=0.0, friction_n=0.0, seconds=40.0):
     return Recording(f"made {seed}", np.arange(n) / RATE, {"force_n": held, "position_m": shown})
 
 
+def test_a_system_that_costs_by_point_is_asked_for_nothing_ahead():
+    class Slow(Mass):
+        costs_by_point = True
+
+    asked = []
+    for system in (Mass(), Slow()):
+        model = LogModel(system, [recorded(3, seconds=5.0)])
+        sets, scores = [], model.scores
+
+        def counted(hypothesis, thetas, episodes, scores=scores, sets=sets):
+            sets.append(len(thetas))
+            return scores(hypothesis, thetas, episodes)
+
+        model.scores = counted
+        asked.append((fit(model, (), range(3)).theta, sets))
+    (there, ahead), (here, alone) = asked
+    assert len(ahead) < len(alone)
+    assert sum(ahead) > sum(alone)
+    assert there == pytest.approx(here, rel=1e-3, abs=1e-6)
+
+
 def test_a_constant_is_moved_by_little_of_itself_where_its_spread_is_wide():
     """Slopes over a step as large as the constant send the climb nowhere."""
 

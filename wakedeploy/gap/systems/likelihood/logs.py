@@ -185,6 +185,8 @@ class LogModel(ComparisonDefaults):
 
         A step of the filter costs about the same for any number of lanes up to that many.
         """
+        if self.system.costs_by_point:
+            return 1
         pieces = pieces_of([self.filter.blocks[e] for e in episodes], 0)
         return _LANES_AT_ONCE // len(pieces.log)
 

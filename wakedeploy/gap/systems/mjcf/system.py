@@ -37,6 +37,7 @@ class MjcfSystem(System):
     """
 
     mjcf: ClassVar[str | Path]
+    costs_by_point: ClassVar[bool] = True
 
     def __init__(self) -> None:
         self._elements = read_elements(Path(self.mjcf))
