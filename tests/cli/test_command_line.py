@@ -106,7 +106,7 @@ def failing_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
             1,
             "x.mcap: No space left on device; free some space there",
         ),
-        (PermissionError(13, "Permission denied", "/etc/x"), 2, "/etc/x: Permission denied."),
+        (PermissionError(13, "Permission denied", "/etc/x"), 2, "/etc/x: Permission denied; name"),
         (ModuleNotFoundError("no torch", name="torch"), 2, "constraints.txt '.[train]'"),
         (ModuleNotFoundError("no mcap", name="mcap"), 2, "mcap is not installed"),
         (ZeroDivisionError("division by zero"), 1, "unexpected ZeroDivisionError"),

@@ -35,6 +35,12 @@ def run_plan(
 
     answer = stated_answer(out)
     chosen = names or tuple(answer.rivals if answer else ())
+    if not chosen and answer is not None and answer.effects:
+        found = ", ".join(effect.name for effect in answer.effects)
+        raise UnusableInput(
+            f"{out}: {found} was named, and no class is open; say what else to look for: "
+            "--class NAME."
+        )
     if not chosen:
         raise UnusableInput(
             "Say what to look for: --class NAME, or --out with a class in name.json."

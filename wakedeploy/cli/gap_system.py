@@ -198,7 +198,11 @@ def run_steps(
             else:
                 taken = take(step, system_path, measured, columns, out, progress, warn, only=only)
     except KeyboardInterrupt:
-        click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
+        click.echo(
+            f"{out}: finished steps are kept, and the one that ran begins anew; give the same "
+            "command again.",
+            err=True,
+        )
         raise
     _tell(taken, out, only, is_added=step not in ("find", "name"))
     if json_path:

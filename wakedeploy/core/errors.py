@@ -4,6 +4,7 @@ import errno
 import sys
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _HEAD, _TAIL = 600, 250  # letters of a sentence that is too long: where, and what to do
 
 
@@ -52,8 +53,12 @@ def is_full(error: BaseException) -> bool:
 
 
 def relief(error: BaseException) -> str:
-    """What to do about a write that failed, as the end of a sentence; "" where nothing is known."""
-    return "; free some space there, then give the same command again" if is_full(error) else ""
+    """What to do about a file that could not be used, as the end of a sentence; "" if unknown."""
+    if is_full(error):
+        return "; free some space there, then give the same command again"
+    if isinstance(error, OSError) and error.errno in _DENIED:
+        return "; name another place, or let yourself in there (chmod)"
+    return ""
 
 
 def why(error: BaseException) -> str:

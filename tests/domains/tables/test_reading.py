@@ -428,6 +428,9 @@ def test_a_folder_of_files_is_one_recording_and_a_path_in_it_leads_nowhere_else(
             one(folder, BASE + U + f'file = "{file}"\n')
     with pytest.raises(UnusableInput, match="is a folder; say in which of its files"):
         one(folder, BASE + U)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UnusableInput, match="is an empty folder; give files"):
+        one(tmp_path / "empty", BASE + U)
 
 
 def test_names_of_recordings_are_distinct(tmp_path: Path) -> None:

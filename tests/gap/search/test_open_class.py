@@ -146,6 +146,13 @@ def test_where_no_input_splits_the_class_close_promises_none(
     assert "No input can be commanded, so that none can be planned." in again.stdout
 
 
+def test_a_system_that_runs_away_is_not_to_be_given_larger_inputs() -> None:
+    told = Planned(domain="slider", rivals=["a", "b"], tried=0).sentence
+    assert told.startswith("Record none: every input that was tried takes the outputs far beyond")
+    assert "narrow the limits" in told
+    assert "under its controller" in told
+
+
 def test_members_that_nothing_tells_apart_are_said_to_be_alike() -> None:
     twins = Planned(domain="slider", rivals=["a", "b"], tried=6, alike=(("a", "b"),))
     assert "No input that was tried tells apart `a` and `b`." in twins.sentence

@@ -95,6 +95,8 @@ class FileReader:
     def _member(self, file: str | None) -> Path:
         if file is None and is_log(self.path):
             return self.path
+        if file is None and not any(self.path.iterdir()):
+            raise UnusableInput(f"{self.path}: is an empty folder; give files, or another folder.")
         if file is None:
             raise UnusableInput(
                 f"{self.path}: is a folder; say in which of its files each column stands"

@@ -43,8 +43,8 @@ def draw_trace(trace: Trace) -> "Figure | None":
             (course.before, BEFORE, "baseline", {}),
             (course.after, AFTER, "with what was found", {}),
         ):
-            whole = np.where(_after_hole(time_s), np.nan, numbers(values))
-            axes.plot(time_s, whole, color=colour, label=label, **style)
+            at_s, shown = _line(time_s, numbers(values))
+            axes.plot(at_s, shown, color=colour, label=label, **style)
         axes.set_ylabel(labelled(name, course.unit))
     _legend(drawn, grid[0, 0])
     grid[-1, 0].set_xlabel(f"time in {episode_words(trace.episode)} [s]")
@@ -123,6 +123,16 @@ def _curve(x: FloatArray, y: FloatArray, height_in: float) -> "tuple[Figure, Axe
     drawn, axes = figures.figure(size=(0.7 * _WIDTH_IN, height_in))
     axes.plot(x, y, "o-", color=figures.MEASURED, markersize=3)
     return drawn, axes
+
+
+def _line(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What is drawn of a course: from reading to reading, also of a sensor that gives few.
+
+    It breaks where no rows were logged.
+    """
+    hole = _after_hole(time_s)
+    shown = hole | np.isfinite(values)
+    return time_s[shown], np.where(hole, np.nan, values)[shown]
 
 
 def _after_hole(time_s: FloatArray) -> "NDArray[np.bool_]":

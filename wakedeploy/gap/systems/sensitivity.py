@@ -24,7 +24,7 @@ from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.system import Input, System
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
 from wakedeploy.gap.wording import counted, minus
 
@@ -100,7 +100,8 @@ def column_notes(model: LogModel) -> list[str]:
     notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]
     notes += own_wraps(model)
     for i, stated in enumerate(model.system.inputs):
-        notes += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))
+        values = np.concatenate([log.inputs[i] for log in logs])
+        notes += [*_notes(f"input {stated.name}", values), *_off_zero(stated, values)]
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
         notes += _notes(f"output {shown.name}", values)
@@ -280,6 +281,20 @@ def _notes(what: str, values: FloatArray) -> list[str]:
                 f"{what} is at its {word}, {minus(f'{end:.4g}')}, in {share:.1%} of the samples."
             )
     return notes
+
+
+def _off_zero(stated: Input, values: FloatArray) -> list[str]:
+    """An input whose values all lie on one side of 0, and far from it, as a servo's pulses do."""
+    least, most = float(np.min(values)), float(np.max(values))
+    nearest = min(abs(least), abs(most))
+    if least * most <= 0.0 or nearest < most - least or least == most:
+        return []
+    return [
+        f"input {stated.name} is never near 0: from {minus(f'{least:.4g}')} to "
+        f"{minus(f'{most:.4g}')}{_behind(stated.unit)}. A dead band, an asymmetry, a gain and a "
+        "saturation are about 0; if the value at rest is another, take it off: offset in "
+        f"[columns.{stated.name}] of columns.toml, as for pulses around 1500 µs offset = -1500."
+    ]
 
 
 def _residual(moved: FloatArray, known: FloatArray, prior: FloatArray) -> FloatArray:

@@ -12,6 +12,12 @@ from wakedeploy.gap.systems.planning.plan import Plan
 from wakedeploy.gap.wording import counted, listed
 
 _MANY = 100
+# Of a system that runs away without its controller, whatever limits an input has.
+_CALMER = (
+    "Check columns and units; narrow the limits of `Input` to what the system bears without its "
+    "controller; or record it under its controller, with references that move more, and log the "
+    "command that it gives."
+)
 INSTEAD = "Check columns and units, widen the limits of `Input`, or add a sensor."
 
 
@@ -47,7 +53,7 @@ class Planned(Artefact):
         if not self.tried:
             return (
                 "Record none: every input that was tried takes the outputs far beyond what the "
-                f"logs have seen, within few samples. {INSTEAD}"
+                f"logs have seen, within few samples. {_CALMER}"
             )
         if not self.splits:
             return " ".join([self._none_worth_it, *self._same, INSTEAD])
