@@ -3,12 +3,15 @@
 In: an answer. Out: sentences and rows.
 """
 
+from statistics import NormalDist
+
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import listed, measured, minus, scale_of
 
 _MOST_TOLD = 12
+_INTERVAL_SD = NormalDist().inv_cdf(RULES.interval_quantile)  # of an interval to each side
 
 
 def moved_words(answer: Answer) -> list[str]:
@@ -42,16 +45,34 @@ def constant_rows(answer: Answer) -> list[tuple[str, str, str]]:
 
 
 def constant_words(answer: Answer) -> list[str]:
-    """The constants in lines; of many the first, those that moved before the others."""
-    if not answer.constants or (answer.verdict == "none" and not answer.moved):
-        return []
+    """The constants in lines; of many the first, those that moved before the others.
+
+    Where nothing was named, only those that the logs tell otherwise than they are stated.
+    """
     rows = sorted(constant_rows(answer), key=lambda row: row[0] not in answer.moved)
+    is_quiet = answer.verdict == "none" and not answer.moved
+    if is_quiet:
+        rows = [row for row in rows if row[0] in told_otherwise(answer)]
+    if not rows:
+        return []
     lines = [f"  {name}: stated {known}, fitted {fitted}" for name, known, fitted in rows]
     lines = lines[:_MOST_TOLD]
     more = len(rows) - len(lines)
     rest = [f"  and {more} more, in the report"] if more else []
     beside = " beside it" if answer.effects else ""
+    if is_quiet:
+        beside = ", where the logs contradict what is stated"
     return [f"Constants, as fitted{beside}:", *lines, *rest]
+
+
+def told_otherwise(answer: Answer) -> list[str]:
+    """Constants that are stated further from the fitted value than its error explains."""
+    return [
+        name
+        for name, size in answer.constants.items()
+        if abs(answer.stated[name] - size.value)
+        > RULES.bent_sd * (size.high - size.low) / (2.0 * _INTERVAL_SD)
+    ]
 
 
 def _way(answer: Answer, name: str) -> str:

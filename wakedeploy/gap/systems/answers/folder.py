@@ -128,10 +128,7 @@ def correction_told(out: Path, has_effects: bool) -> str:
     """Where the correction is, or why there is none."""
     path = out / CORRECTION
     if not path.is_file():
-        return (
-            "Correction: none, as nothing was named. The system stays as it is: constants that are "
-            "refitted alone follow the logs' noise."
-        )
+        return "Correction: none, as nothing was named. Constants stay as the system states them."
     what = "" if has_effects else " with the constants that nobody has measured, as fitted,"
     return f"Correction: {path},{what} for `gap simulate` and System.corrected()"
 

@@ -19,7 +19,7 @@ from wakedeploy.gap.search.artefacts import (
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
 from wakedeploy.gap.systems.answers.advice import more_than_named, rest_words, unknown_step
-from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words
+from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words, told_otherwise
 from wakedeploy.gap.systems.answers.importance import (
     by_output,
     importance,
@@ -176,7 +176,13 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
         return "Check equations, units and signs: see what each constant moves."
     if result.verdict == "unknown":
         return unknown_step(result)
-    return "Use the system as it is. How small an effect these logs would show, `gap power` says."
+    how_small = "How small an effect these logs would show, `gap power` says."
+    if otherwise := [f"`{name}`" for name in told_otherwise(result)]:
+        return (
+            f"State what was fitted for {listed(otherwise)}, which the logs contradict, and use "
+            f"the system. {how_small}"
+        )
+    return f"Use the system as it is. {how_small}"
 
 
 def late_words(late: Mapping[str, float]) -> list[str]:
