@@ -385,3 +385,11 @@ def test_columns_that_hold_text_are_named_with_the_first_such_line(tmp_path: Pat
         assert comment in said
     assert "#   t:" not in said
     read(path, guessed)
+
+
+def test_a_column_with_blanks_says_that_nan_is_not_for_training(tmp_path: Path) -> None:
+    t = np.arange(400) / 50
+    path = table(tmp_path / "log.csv", t=t, q=np.where((t > 2) & (t < 3), np.nan, t))
+    assert 'missing = "split"  # ? some have no number; "nan" for a sensor, not for training' in (
+        guess_columns(path)
+    )

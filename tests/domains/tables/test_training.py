@@ -240,6 +240,22 @@ def test_where_samples_repeat_in_holes_their_age_and_a_gap_are_said(here: Path) 
     assert not any("repeat" in note for note in notes)
 
 
+def test_no_gap_is_advised_that_a_slower_column_has_between_all_samples(here: Path) -> None:
+    t = np.arange(2000) / 25
+    seen = np.delete(np.arange(2000), np.arange(1000, 1015))
+    np.savez("slow.npz", t=t, v=np.sin(t)[::25], f=np.cos(t)[seen], slow_t=t[seen], v_t=t[::25])
+    text = (SLOW % "").replace("rate_hz = 20", "rate_hz = 25")
+    text = text.replace('column = "v"', 'column = "v"\ntime = "v_t"')
+    Path("columns.toml").write_text(text, "utf-8")
+    (note,) = [
+        note for note in wd.import_table("slow.npz", "columns.toml").provenance["notes"]
+        if "column 'f'" in note
+    ]  # fmt: skip
+    assert "in holes of the log" in note
+    assert "gap_s" not in note
+    assert "interpolate" not in note
+
+
 def test_a_force_in_few_rows_of_a_table_lies_on_lines_between_them(here: Path) -> None:
     t = np.arange(2000) / 20
     cells = [repr(float(np.sin(0.6 * np.pi * s))) if k % 5 == 0 else "" for k, s in enumerate(t)]

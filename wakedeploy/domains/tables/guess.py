@@ -338,7 +338,7 @@ def _missing(file: _File, name: str) -> Iterator[str]:
     if _is_of_a_stream(file, name):
         yield 'missing = "hold"  # ? a number in some rows only, as rows of others lie between'
     else:
-        yield 'missing = "split"  # ? some samples have no number; "nan" for a mere output'
+        yield 'missing = "split"  # ? some have no number; "nan" for a sensor, not for training'
 
 
 def _is_of_a_stream(file: _File, name: str) -> bool:

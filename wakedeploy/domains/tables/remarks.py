@@ -18,6 +18,7 @@ Vector = NDArray[np.float64]
 
 _FEW = 0.005  # the share of ticks or samples from which on it is said
 _MOSTLY = 0.5  # the share of repeated samples from which on holes are their reason
+_STEPS_APART = 1.5  # usual steps of the slowest column, from which on holes are told from them
 _FASTER = 1.5  # samples a tick, from which on a column is one that is faster than the rate
 _FILLED_BY = {  # what stands at the ticks in a silence
     "hold": "the last sample is held",
@@ -42,7 +43,7 @@ class _Tally:
     late_s: float = 0.0  # of all ticks that repeat a sample together
     in_holes: int = 0  # of those ticks, the ones within holes
     shortest_hole_s: float = np.inf
-    usual_s: float = np.inf  # between samples, where a piece has holes
+    usual_s: float = 0.0  # between samples
     passed: int = 0  # samples from the first tick to the last
     taken: int = 0  # of those, the newest at some tick
     turns: int = 0
@@ -101,19 +102,21 @@ class Remarks:
         again_s, newest = again_s[newest >= 0], newest[newest >= 0]
         tally.late_s += float((again_s - stamps_s[newest]).sum())
         steps_s = np.diff(stamps_s)
+        if len(steps_s):
+            tally.usual_s = max(tally.usual_s, usual_step_s(steps_s))
         is_hole = is_long(steps_s)
         within = newest[newest < len(steps_s)]
         holes_s = steps_s[within[is_hole[within]]]
         tally.in_holes += len(holes_s)
         if len(holes_s):
             tally.shortest_hole_s = min(tally.shortest_hole_s, float(holes_s.min()))
-            tally.usual_s = usual_step_s(steps_s)
 
     def sentences(self) -> Iterator[str]:
         """A sentence for each column and thing that was noticed."""
+        slowest_s = max((tally.usual_s for tally in self._tallies.values()), default=0.0)
         for tally in self._tallies.values():
             place, doubt = tally.column.place, tally.column.wanted.doubt
-            of_ticks = (_on_ticks(tally), _on_repeats(tally), _on_lost(tally))
+            of_ticks = (_on_ticks(tally), _on_repeats(tally, slowest_s), _on_lost(tally))
             on_ticks = "; ".join(filter(None, of_ticks))
             for said in (_on_blanks(tally), doubt, _on_turns(tally), on_ticks):
                 if said:
@@ -177,7 +180,7 @@ def _on_ticks(tally: _Tally) -> str:
     return f"{silent}; {_FILLED_BY[tally.column.wanted.method or 'hold']}" if silent else ""
 
 
-def _on_repeats(tally: _Tally) -> str:
+def _on_repeats(tally: _Tally, slowest_s: float) -> str:
     """What is said of a column that is learnt from where it is slower than the ticks."""
     share = 1.0 - tally.fresh / max(tally.ticks, 1)
     if not _is_learnt_from(tally.column) or not tally.ticks or share < _FEW:
@@ -187,11 +190,18 @@ def _on_repeats(tally: _Tally) -> str:
     if tally.column.wanted.method == "low-pass":
         remark += ", before the filter"
     if tally.in_holes > _MOSTLY * (tally.ticks - tally.fresh):
-        gap_s = gap_between(tally.usual_s, tally.shortest_hole_s)
-        return f"{remark}; [split] gap_s = {gap_s} ends a recording at such holes"
+        return remark + _on_holes(tally.shortest_hole_s, slowest_s)
     if tally.column.wanted.column.roles != ("force",):
         return remark
     return f'{remark}; resample = "interpolate" in [columns.{tally.column.name}] mends that'
+
+
+def _on_holes(shortest_s: float, slowest_s: float) -> str:
+    """The `gap_s` that ends a recording at holes, where the slowest column has no such steps."""
+    if shortest_s < _STEPS_APART * slowest_s:
+        return ", in holes of the log"
+    gap_s = gap_between(slowest_s, shortest_s)
+    return f"; [split] gap_s = {gap_s} ends a recording at such holes"
 
 
 def _on_lost(tally: _Tally) -> str:
