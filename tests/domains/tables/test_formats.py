@@ -481,3 +481,23 @@ def test_a_guess_tells_a_slower_clock_from_samples_that_are_lost(is_there, says,
     rows = [f"{k / 100},{k if is_there(k) else ''}" for k in range(300)]
     path.write_text("\n".join(["time_s,w_rad", *rows]) + "\n")
     assert f'missing = "{says}"' in guess_columns(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "form", "advice"),
+    [
+        ("t;u\n0,0;1,5\n0,1;1,5\n", "", r'\[csv\] decimal = "," and delimiter = ";" in'),
+        ("t\tu\n0,0\t1,5\n0,1\t1,5\n", "", r'decimal = "," and delimiter = "\\t" in'),
+        ("t,u\n0.0,1.5\n0.1,1.5\n", '[csv]\ndelimiter = ";"\n',
+         r"header is one name, 't,u'; write \[csv\] delimiter = \",\" in"),
+        ("t,u\n0.0,x\n0.1,1.5\n", "", "which is no number; mend it, or leave the column out"),
+    ],
+)  # fmt: skip
+def test_a_table_written_otherwise_is_refused_with_what_to_write(
+    text: str, form: str, advice: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    columns = 'version = 1\n[time]\ncolumn = "t"\n[columns.u]\ncolumn = "u"\nrole = "output"\n'
+    with pytest.raises(UnusableInput, match=advice):
+        read_recordings([path], parse_columns(f'{columns}unit = "1"\n{form}'))

@@ -364,3 +364,32 @@ def test_a_speed_that_its_name_says_in_other_units_is_guessed(tmp_path: Path) ->
     assert 'column = "wind_kts"\nrole = "unused"\nunit = "knots"' in guessed
     assert 'column = "car_kmh"\nrole = "unused"\nunit = "kmh"' in guessed
     assert 'column = "motor_kt"\nrole = "unused"\nunit = "1"' in guessed  # a motor's constant
+
+
+def test_columns_that_hold_text_are_named_with_the_first_such_line(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{k / 10},{k},{k},{k},ok," for k in range(40)]
+    rows[0] = "0.0,0,LATE,0,,"
+    rows[7], rows[9] = "0.7,7,7,ERR,ok,", "0.9,9,9,ERR,ok,"
+    path.write_text("\n".join(["t,q,once,often,note,blank", *rows]) + "\n")
+    guessed = guess_columns(path)
+    assert "[columns.q]" in guessed
+    assert not any(f"[columns.{name}]" in guessed for name in ("once", "often", "note", "blank"))
+    said = guessed.replace("\n#    ", "")
+    for comment in (
+        "#   once: one of 40 rows holds text, 'LATE' in line 2; mend that cell, or empty it",
+        "#   often: 2 of 40 rows hold text, the first 'ERR' in line 9; mend those cells",
+        "#   note: texts, as 'ok' in line 3",
+        "#   blank: no number in any row",
+    ):
+        assert comment in said
+    assert "#   t:" not in said
+    read(path, guessed)
+
+
+def test_a_column_with_blanks_says_that_nan_is_not_for_training(tmp_path: Path) -> None:
+    t = np.arange(400) / 50
+    path = table(tmp_path / "log.csv", t=t, q=np.where((t > 2) & (t < 3), np.nan, t))
+    assert 'missing = "split"  # ? some have no number; "nan" for a sensor, not for training' in (
+        guess_columns(path)
+    )

@@ -126,11 +126,21 @@ def test_a_gap_and_a_missing_number_are_refused_with_what_helps(tmp_path: Path) 
         one(path, BASE + U)
 
 
+def test_the_gap_that_is_advised_covers_all_holes_of_a_log(tmp_path: Path) -> None:
+    lost = [*range(100, 150), 200, 201, *range(300, 310)]
+    stamps = [k / 100 for k in range(400) if k not in lost]
+    path = write(tmp_path / "log.csv", stamps, stamps)
+    with pytest.raises(UnusableInput, match=r"steps by 0\.51 s .* \[split\] gap_s = 0\.02;"):
+        one(path, BASE + U)
+    assert len(reading(path, BASE + "[split]\ngap_s = 0.02\n" + U).recordings) == 4
+
+
 def test_a_unit_that_the_column_s_name_contradicts_is_said(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("t,encoder_mm\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")
     text = BASE + U.replace('column = "u"', 'column = "encoder_mm"')
-    assert "its name says mm" in reading(path, text.replace('"V"', '"m"')).notes[0]
+    said = reading(path, text.replace('"V"', '"m"')).notes[0]
+    assert said.endswith("read as m, and its name says mm; check `unit`")
     assert not reading(path, text.replace('"V"', '"mm"')).notes
     assert not reading(path, text).notes  # of another dimension: the name is no unit
     called = BASE + U.replace("columns.u", "columns.rel_vx_mps").replace('"V"', '"T"')
@@ -449,6 +459,17 @@ def test_names_of_recordings_are_distinct(tmp_path: Path) -> None:
         ("version = 1\n[columns]\n", "columns: Dictionary should have at least 1 item"),
         (BASE + U.replace("input", "inputs"), "columns.u.role = 'inputs'"),
         (BASE + U + "colour = 3\n", "columns.u.colour is not known"),
+        (BASE + U + "untis = 3\n", "columns.u.untis is not known; write unit."),
+        (
+            BASE + "[training]\nwindows_s = 1\n" + U,
+            "training.windows_s is not known; write window_s.",
+        ),
+        (BASE + "[split]\nx = 1\n" + U, "split.x is not known; known are gap_s, shortest_s."),
+        (
+            BASE + "[resample]\nrate_hz = 1\ncut = 1\n" + U,
+            "resample.cut is not known; known are rate_hz, method, cutoff_hz.",
+        ),
+        ("version = 1\n[tiem]\n" + U, "tiem is not known; write time."),
         (BASE + "rate_hz = 3\n" + U, "give either a column of stamps or a rate_hz, not both"),
         (BASE + "[resample]\nrate_hz = 10\ncutoff_hz = 1\n" + U, 'is of method = "low-pass"'),
         (

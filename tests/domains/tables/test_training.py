@@ -214,13 +214,46 @@ def test_a_force_that_is_slower_than_the_rate_is_said_and_may_look_ahead(here: P
     Path("columns.toml").write_text(SLOW % "", "utf-8")
     staircase = wd.import_table("slow.npz", "columns.toml")
     (note,) = staircase.provenance["notes"]
-    assert "column 'f': 80 % of the ticks repeat a sample, which is 0.1 s old on average" in note
+    assert "column 'f': 80 % of the ticks repeat a sample, which is 0.13 s old on average" in note
     assert 'resample = "interpolate" in [columns.drag]' in note
     Path("columns.toml").write_text(SLOW % 'resample = "interpolate"', "utf-8")
     ahead = wd.import_table("slow.npz", "columns.toml")
     assert ahead.provenance["notes"] == []
     rms = [np.sqrt(np.mean(errors_n(made) ** 2)) for made in (staircase, ahead)]
     assert rms[1] < 0.15 * rms[0]
+
+
+def test_where_samples_repeat_in_holes_their_age_and_a_gap_are_said(here: Path) -> None:
+    """A force at the rate with a hole of 0.64 s: a line across it would be no force."""
+    t = np.arange(2000) / 25
+    seen = np.delete(np.arange(2000), np.arange(1000, 1015))
+    np.savez("slow.npz", t=t, v=np.sin(t), f=np.cos(t)[seen], slow_t=t[seen])
+    text = (SLOW % "").replace("rate_hz = 20", "rate_hz = 25")
+    Path("columns.toml").write_text(text, "utf-8")
+    (note,) = wd.import_table("slow.npz", "columns.toml").provenance["notes"]
+    age_s = np.mean(np.arange(1, 16) / 25)
+    assert f"of the ticks repeat a sample, which is {age_s:.2g} s old on average" in note
+    assert "[split] gap_s = 0.34 ends a recording at such holes" in note
+    assert "interpolate" not in note
+    Path("columns.toml").write_text(f"{text}[split]\ngap_s = 0.34\n", "utf-8")
+    notes = wd.import_table("slow.npz", "columns.toml").provenance["notes"]
+    assert not any("repeat" in note for note in notes)
+
+
+def test_no_gap_is_advised_that_a_slower_column_has_between_all_samples(here: Path) -> None:
+    t = np.arange(2000) / 25
+    seen = np.delete(np.arange(2000), np.arange(1000, 1015))
+    np.savez("slow.npz", t=t, v=np.sin(t)[::25], f=np.cos(t)[seen], slow_t=t[seen], v_t=t[::25])
+    text = (SLOW % "").replace("rate_hz = 20", "rate_hz = 25")
+    text = text.replace('column = "v"', 'column = "v"\ntime = "v_t"')
+    Path("columns.toml").write_text(text, "utf-8")
+    (note,) = [
+        note for note in wd.import_table("slow.npz", "columns.toml").provenance["notes"]
+        if "column 'f'" in note
+    ]  # fmt: skip
+    assert "in holes of the log" in note
+    assert "gap_s" not in note
+    assert "interpolate" not in note
 
 
 def test_a_force_in_few_rows_of_a_table_lies_on_lines_between_them(here: Path) -> None:

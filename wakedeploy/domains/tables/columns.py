@@ -4,10 +4,11 @@ In: a TOML file. Out: `Columns`. What each entry does is said at its field below
 docs/how-to/own-logs.md.
 """
 
+import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import pydantic
 from pydantic import AfterValidator, Field, StringConstraints
@@ -341,12 +342,35 @@ def parse_columns(text: str, name: str = "columns.toml") -> Columns:
     try:
         read = Columns.model_validate(raw)
     except pydantic.ValidationError as error:
-        raise UnusableInput(f"{name}: {_clause(first_problem(error))}.") from error
+        problem = _clause(first_problem(error)) + _known_beside(error)
+        raise UnusableInput(f"{name}: {problem}.") from error
     read._file = name
     if not read.used:
         roles = "input, output, observation or force"
         raise UnusableInput(f"{name}: no column has a role yet; give some the role {roles}.")
     return read
+
+
+def _known_beside(error: pydantic.ValidationError) -> str:
+    """The entries that a table may have, for one that is not known; the nearest of many."""
+    problem = error.errors()[0]
+    if problem["type"] != "extra_forbidden":
+        return ""
+    *tables, entry = map(str, problem["loc"])
+    known = list(_table_at(tables).model_fields)
+    near = difflib.get_close_matches(entry.lower(), known, 1, 0.6)
+    return f"; write {near[0]}" if near else f"; known are {', '.join(known)}"
+
+
+def _table_at(path: Sequence[str]) -> type[_Table]:
+    """The kind of a table that has only tables above it."""
+    if not path:
+        return Columns
+    if path[0] == "columns":
+        return Column
+    kind = Columns.model_fields[path[0]].annotation
+    found = next(k for k in (kind, *get_args(kind)) if isinstance(k, type) and k is not type(None))
+    return found if issubclass(found, _Table) else Columns
 
 
 def _clause(problem: str) -> str:

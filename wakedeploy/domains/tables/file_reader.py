@@ -28,6 +28,7 @@ from wakedeploy.domains.tables.pieces import (
     common,
     covered,
     from_first,
+    gap_between,
     longest_silence,
 )
 from wakedeploy.domains.tables.remarks import Remarks
@@ -48,6 +49,7 @@ from wakedeploy.domains.tables.stamps import (
 from wakedeploy.domains.tables.wanted import Wanted
 
 Vector = NDArray[np.float64]
+_LOST_STEPS = 1.6  # usual ones, from which on a sample was lost between two
 _ABSURD = 1e30  # in any unit, nothing has so much of anything
 
 
@@ -322,7 +324,7 @@ class FileReader:
             length_s = stamps_s[silent] - stamps_s[silent - 1]
             reason = f"is silent for {length_s:.3g} s from {stamps_s[silent - 1]:.6g} s on"
             usual_s = float(np.median(np.diff(stamps_s)))
-            advice = f"give [split] gap_s = {_gap_between(usual_s, length_s)}"
+            advice = f"give [split] gap_s = {gap_between(usual_s, length_s)}"
             if set(column.wanted.column.roles) != {"output"}:
                 advice += f", or event = true in [columns.{column.wanted.name}]"
             raise column.place.refused(reason, advice)
@@ -371,14 +373,17 @@ class FileReader:
             row = column.place.row(int(column.times.rows[first + at]))
             step_s, usual_s = stamps_s[at] - stamps_s[at - 1], float(np.median(np.diff(stamps_s)))
             reason = f"steps by {step_s:.4g} s at {row}, where {usual_s:.4g} s is usual"
-            raise column.place.clock_refused(reason, self._advice_on_steps(step_s, usual_s))
+            raise column.place.clock_refused(reason, self._advice_on_steps(column, step_s))
 
-    def _advice_on_steps(self, step_s: float, usual_s: float) -> str:
+    def _advice_on_steps(self, column: Series, step_s: float) -> str:
         """Samples that are lost end a recording; a clock that is never even needs a rate."""
         resample = "[resample] rate_hz where the clock is never even"
-        if step_s < 1.6 * usual_s:
+        steps_s = np.diff(column.times.stamps_s)
+        usual_s = float(np.median(steps_s))
+        if step_s < _LOST_STEPS * usual_s:
             return f"give {resample}"
-        gap_s = _gap_between(usual_s, step_s)
+        shortest_s = float(steps_s[steps_s >= _LOST_STEPS * usual_s].min())
+        gap_s = gap_between(usual_s, shortest_s)  # which ends a recording at all such places
         now_s = self.columns.split.gap_s
         now = "" if now_s is None else f" (the one given, {now_s:g}, is longer)"
         return f"where samples are lost give [split] gap_s = {gap_s}{now}; {resample}"
@@ -415,11 +420,6 @@ def _at_a_reading(series: Sequence[Series], start_s: float, tick_s: float) -> fl
 
 def _samples(series: Sequence[Series]) -> int:
     return sum(len(column.values) for column in series)
-
-
-def _gap_between(usual_s: float, silent_s: float) -> str:
-    """A `gap_s` that usual steps do not reach and a silence exceeds."""
-    return f"{min(10.0 * usual_s, 0.5 * (usual_s + silent_s)):.2g}"
 
 
 def _clock_key(place: Place) -> tuple[int, str]:

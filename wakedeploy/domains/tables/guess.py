@@ -30,6 +30,7 @@ from wakedeploy.domains.tables.guess_clock import (
     toml,
 )
 from wakedeploy.domains.tables.guess_clocks import clocks_of
+from wakedeploy.domains.tables.guess_left_out import comments_on, left_out
 from wakedeploy.domains.tables.guess_orientation import Quaternion, quaternions_in
 from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log, seen_form
 from wakedeploy.domains.tables.stamps import as_floats
@@ -64,6 +65,7 @@ class _File:
     timing: Timing
     values: Mapping[str, Values]
     clocks: Mapping[str, Timing]  # of columns that have another than the file's first
+    left_out: Mapping[str, str]  # why columns are not listed, by name
 
     def timing_of(self, column: str) -> Timing:
         """The clock of a column."""
@@ -207,9 +209,10 @@ def _seen(name: str, log: Log) -> _File:
     values = _all_values(log, listed)
     clocks = clocks_of(log, listed, timing, values)
     used = {clock.column for clock in clocks.values()}
+    unlisted = left_out(log, values, {timing.column, *used})
     values = {column: numbers for column, numbers in values.items() if column not in used}
     clocks = {column: clock for column, clock in clocks.items() if column not in used}
-    return _File(name, log, fields, has_own_clock, timing, values, clocks)
+    return _File(name, log, fields, has_own_clock, timing, values, clocks, unlisted)
 
 
 def _numeric(log: Log) -> list[Field]:
@@ -255,6 +258,7 @@ def _not_listed(file: _File, same: Mapping[str, float]) -> Iterator[str]:
     for field in file.log.fields():
         if field.unread:
             yield f"\n# Not listed: {plain_line(field.name)} {field.unread}."
+    yield from comments_on(file.left_out)
     if same:
         constant = ", ".join(f"{plain_line(name)} {value:.4g}" for name, value in same.items())
         yield "\n# Not listed, as they never change:"
@@ -334,7 +338,7 @@ def _missing(file: _File, name: str) -> Iterator[str]:
     if _is_of_a_stream(file, name):
         yield 'missing = "hold"  # ? a number in some rows only, as rows of others lie between'
     else:
-        yield 'missing = "split"  # ? some samples have no number; "nan" for a sensor'
+        yield 'missing = "split"  # ? some have no number; "nan" for a sensor, not for training'
 
 
 def _is_of_a_stream(file: _File, name: str) -> bool:

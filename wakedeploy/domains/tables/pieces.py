@@ -46,6 +46,11 @@ def common(first: list[Stretch], other: list[Stretch]) -> list[Stretch]:
     return found
 
 
+def gap_between(usual_s: float, silent_s: float) -> str:
+    """A `gap_s` that usual steps do not reach and a silence exceeds."""
+    return f"{min(10.0 * usual_s, 0.5 * (usual_s + silent_s)):.2g}"
+
+
 def longest_silence(
     stamps_s: Vector, is_number: NDArray[np.bool_], drive: Vector | None = None
 ) -> int | None:

@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.angles import Unwrapped
-from wakedeploy.domains.tables.resampling import refreshed, stale
+from wakedeploy.domains.tables.pieces import gap_between
+from wakedeploy.domains.tables.resampling import is_long, refreshed, stale, usual_step_s
 from wakedeploy.domains.tables.series import Series
 
 Vector = NDArray[np.float64]
 
 _FEW = 0.005  # the share of ticks or samples from which on it is said
+_MOSTLY = 0.5  # the share of repeated samples from which on holes are their reason
+_STEPS_APART = 1.5  # usual steps of the slowest column, from which on holes are told from them
 _FASTER = 1.5  # samples a tick, from which on a column is one that is faster than the rate
 _FILLED_BY = {  # what stands at the ticks in a silence
     "hold": "the last sample is held",
@@ -37,7 +40,10 @@ class _Tally:
     ticks: int = 0
     fresh: int = 0
     silent_s: float = 0.0
-    late_s: float = 0.0  # of all ticks together
+    late_s: float = 0.0  # of all ticks that repeat a sample together
+    in_holes: int = 0  # of those ticks, the ones within holes
+    shortest_hole_s: float = np.inf
+    usual_s: float = 0.0  # between samples
     passed: int = 0  # samples from the first tick to the last
     taken: int = 0  # of those, the newest at some tick
     turns: int = 0
@@ -68,8 +74,10 @@ class Remarks:
         tally = self._of(column)
         stamps_s, _ = column.with_numbers()
         tally.ticks += len(ticks_s)
-        tally.fresh += int(refreshed(stamps_s, ticks_s).sum())
+        is_fresh = refreshed(stamps_s, ticks_s)
+        tally.fresh += int(is_fresh.sum())
         self._count_samples(tally, stamps_s, ticks_s)
+        self._count_repeats(tally, stamps_s, ticks_s[~is_fresh])
         newest, last = np.searchsorted(stamps_s, (ticks_s[0], ticks_s[-1]), side="right")
         inside_s = stamps_s[max(int(newest) - 1, 0) : int(last)]  # gaps between pieces tell nothing
         if stale(inside_s, ticks_s).any():
@@ -78,21 +86,37 @@ class Remarks:
 
     @staticmethod
     def _count_samples(tally: _Tally, stamps_s: Vector, ticks_s: Vector) -> None:
-        """Count the samples that ticks take and those between, and how late they are taken."""
+        """Count the samples that ticks take and those between."""
         newest = np.searchsorted(stamps_s, ticks_s, side="right") - 1
         is_there = newest >= 0
         if not is_there.any():
             return
         newest = newest[is_there]
-        tally.late_s += float((ticks_s[is_there] - stamps_s[newest]).sum())
         tally.passed += int(newest[-1] - newest[0]) + 1
         tally.taken += len(np.unique(newest))
 
+    @staticmethod
+    def _count_repeats(tally: _Tally, stamps_s: Vector, again_s: Vector) -> None:
+        """Count how old the samples are that ticks repeat, and which of those lie in holes."""
+        newest = np.searchsorted(stamps_s, again_s, side="right") - 1
+        again_s, newest = again_s[newest >= 0], newest[newest >= 0]
+        tally.late_s += float((again_s - stamps_s[newest]).sum())
+        steps_s = np.diff(stamps_s)
+        if len(steps_s):
+            tally.usual_s = max(tally.usual_s, usual_step_s(steps_s))
+        is_hole = is_long(steps_s)
+        within = newest[newest < len(steps_s)]
+        holes_s = steps_s[within[is_hole[within]]]
+        tally.in_holes += len(holes_s)
+        if len(holes_s):
+            tally.shortest_hole_s = min(tally.shortest_hole_s, float(holes_s.min()))
+
     def sentences(self) -> Iterator[str]:
         """A sentence for each column and thing that was noticed."""
+        slowest_s = max((tally.usual_s for tally in self._tallies.values()), default=0.0)
         for tally in self._tallies.values():
             place, doubt = tally.column.place, tally.column.wanted.doubt
-            of_ticks = (_on_ticks(tally), _on_repeats(tally), _on_lost(tally))
+            of_ticks = (_on_ticks(tally), _on_repeats(tally, slowest_s), _on_lost(tally))
             on_ticks = "; ".join(filter(None, of_ticks))
             for said in (_on_blanks(tally), doubt, _on_turns(tally), on_ticks):
                 if said:
@@ -156,18 +180,28 @@ def _on_ticks(tally: _Tally) -> str:
     return f"{silent}; {_FILLED_BY[tally.column.wanted.method or 'hold']}" if silent else ""
 
 
-def _on_repeats(tally: _Tally) -> str:
+def _on_repeats(tally: _Tally, slowest_s: float) -> str:
     """What is said of a column that is learnt from where it is slower than the ticks."""
     share = 1.0 - tally.fresh / max(tally.ticks, 1)
     if not _is_learnt_from(tally.column) or not tally.ticks or share < _FEW:
         return ""
     remark = f"{_percent(share)} of the ticks repeat a sample, which is"
-    remark += f" {tally.late_s / tally.ticks:.2g} s old on average"
+    remark += f" {tally.late_s / (tally.ticks - tally.fresh):.2g} s old on average"
     if tally.column.wanted.method == "low-pass":
         remark += ", before the filter"
+    if tally.in_holes > _MOSTLY * (tally.ticks - tally.fresh):
+        return remark + _on_holes(tally.shortest_hole_s, slowest_s)
     if tally.column.wanted.column.roles != ("force",):
         return remark
     return f'{remark}; resample = "interpolate" in [columns.{tally.column.name}] mends that'
+
+
+def _on_holes(shortest_s: float, slowest_s: float) -> str:
+    """The `gap_s` that ends a recording at holes, where the slowest column has no such steps."""
+    if shortest_s < _STEPS_APART * slowest_s:
+        return ", in holes of the log"
+    gap_s = gap_between(slowest_s, shortest_s)
+    return f"; [split] gap_s = {gap_s} ends a recording at such holes"
 
 
 def _on_lost(tally: _Tally) -> str:

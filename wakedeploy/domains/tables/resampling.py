@@ -69,6 +69,11 @@ def stale(stamps_s: Vector, ticks_s: Vector) -> NDArray[np.bool_]:
     return np.asarray((newest >= 0) & (ticks_s - stamps_s[np.maximum(newest, 0)] > bound_s))
 
 
+def is_long(steps_s: Vector) -> NDArray[np.bool_]:
+    """Steps (n,) after which the sample before says nothing of now: holes in a log."""
+    return np.asarray(steps_s > _STALE_STEPS * usual_step_s(steps_s))
+
+
 def usual_step_s(steps_s: Vector) -> float:
     """The step [s] in which half of the time lies, or in shorter ones: that between bursts, too."""
     in_order = np.sort(steps_s)

@@ -100,7 +100,5 @@ def _doubted(name: str, column: Column) -> str:
     if named is None and renamed is not None and not same_dimension(renamed, column.unit):
         named = renamed
     return (
-        ""
-        if named is None
-        else f"read as {column.unit}, and its name says {named}; is `unit` right?"
+        "" if named is None else f"read as {column.unit}, and its name says {named}; check `unit`"
     )

@@ -160,8 +160,18 @@ class DelimitedLog:
         name, index = indexed(address)
         at = self._position(name)
         if at is None or len(index) != 1:
+            self._require_parted_header(address)
             raise missing(self.path, address, self._names)
         return _Cell(address, at, index[0])
+
+    def _require_parted_header(self, address: str) -> None:
+        """UnusableInput for a header that is one name with another delimiter inside."""
+        other = _delimiter(self._names[0])
+        if len(self._names) > 1 or other == self.delimiter or other not in self._names[0]:
+            return
+        reason = f"is not there: the header is one name, {self._names[0][:80]!r}"
+        advice = f'write [csv] delimiter = "{_written(other)}" in columns.toml'
+        raise refused(self.path, address, reason, advice)
 
     def _position(self, name: str) -> int | None:
         if self._names.count(name) > 1:
@@ -310,8 +320,17 @@ class DelimitedLog:
             return _BOOLEAN[folded]
         if not _is_number(plain):
             reason = f"holds {plain[:40]!r} in line {self._lines[index]}, which is no number"
-            raise refused(self.path, cell.address, reason, "mend it, or leave the column out")
+            raise refused(self.path, cell.address, reason, self._advice_on_text(plain))
         return float(plain)
+
+    def _advice_on_text(self, cell: str) -> str:
+        """What to do about a cell that is no number as the table is said to be written."""
+        if self._form.decimal == "." and _WITH_COMMA.fullmatch(cell):
+            return (
+                'where numbers have commas before their decimals, write [csv] decimal = "," and'
+                f' delimiter = "{_written(self.delimiter)}" in columns.toml'
+            )
+        return "mend it, or leave the column out"
 
     def _element(self, cell: _Cell, text: str, index: int) -> str:
         """One number of a vector in a cell; blank where the cell is."""
@@ -351,6 +370,11 @@ def _delimiter(line: str) -> str:
     bare = re.sub(r'"[^"]*"', "", line)
     most = max(",;\t", key=bare.count)
     return most if most in bare or len(bare.split()) < 2 else " "
+
+
+def _written(delimiter: str) -> str:
+    """A delimiter as TOML has it."""
+    return delimiter.replace("\t", r"\t")
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
