@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from trainers.bounds import check_settings
-from trainers.build import ARCHITECTURES, hyper_parameters
+from trainers.build import ARCHITECTURES, hyper_parameters, memory_of
 from trainers.model import Predictor, SolvedModel
 from trainers.training.device import choose_device
 from trainers.training.fit import Fit, FitSettings, Standing
@@ -72,7 +72,8 @@ def configure(
 ) -> RunConfig:
     """The configuration of a run on this set. Raises UnusableInput for what cannot be built.
 
-    The past of the channels `present_only` is kept from the model.
+    The past of the channels `present_only` is kept from the model. Where the model looks back
+    further than the set's window, its warm-up lasts until its memory is full.
     """
     unknown = set(present_only) - {c.name for c in data.observation}
     if unknown:
@@ -86,7 +87,7 @@ def configure(
             rate_hz=data.rate_hz,
             lead_s=lead_s,
             window_s=data.window_s,
-            warm_up_steps=data.warm_up_steps,
+            warm_up_steps=_warm_up_steps(data, arch, values),
             observation=_observed(data),
             force=tuple(Quantity(name=c.name, unit=c.unit) for c in data.force),
             loss_weights=data.loss_weights,
@@ -169,7 +170,8 @@ def train(
     predictor = new_predictor(config)
     device = choose_device(device, predictor, FitSettings(**config.settings))  # type: ignore[arg-type]
     if fresh or not (folder / METRICS).exists():
-        require_enough(data, config.lead_s)  # before anything is written, or of an earlier run goes
+        # Before anything is written, or of an earlier run goes.
+        require_enough(data, config.lead_s, config.warm_up_steps)
     with one_at_a_time(folder):  # of two that train the same, the second finds it done
         remove_unfinished(folder)
         if fresh:
@@ -189,19 +191,24 @@ def train(
         return load_run(folder)
 
 
-def tapes(data: EpisodeSet, lead_s: float) -> tuple[Tape, Tape]:
+def tapes(data: EpisodeSet, lead_s: float, warm_up: int | None = None) -> tuple[Tape, Tape]:
     """What is learned from, and what decides when it has been learned.
 
-    Raises UnusableInput where the set has too little of either.
+    Both are scored after `warm_up` samples, None: the set's. Raises UnusableInput where the set has
+    too little of either.
     """
-    learned = lay_tape(data, "train", lead_s, data.warm_up_steps)
-    return learned, lay_tape(data, "validation", lead_s, data.warm_up_steps)
+    steps = data.warm_up_steps if warm_up is None else warm_up
+    return lay_tape(data, "train", lead_s, steps), lay_tape(data, "validation", lead_s, steps)
 
 
-def require_enough(data: EpisodeSet, lead_s: float) -> None:
-    """UnusableInput where a split of the set has nothing left after warm-up and lead."""
+def require_enough(data: EpisodeSet, lead_s: float, warm_up: int | None = None) -> None:
+    """UnusableInput where a split of the set has nothing left after warm-up and lead.
+
+    The warm-up is in samples, None: the set's.
+    """
+    steps = data.warm_up_steps if warm_up is None else warm_up
     for split in SPLITS:
-        lay_tape(data, split, lead_s, data.warm_up_steps)
+        lay_tape(data, split, lead_s, steps)
 
 
 def new_fit(
@@ -222,6 +229,17 @@ def new_fit(
         seed=config.seed,
         device=device,
     )
+
+
+def _tapes_of(config: RunConfig, data: EpisodeSet) -> tuple[Tape, Tape]:
+    return tapes(data, config.lead_s, config.warm_up_steps)
+
+
+def _warm_up_steps(data: EpisodeSet, arch: str, hyper: Mapping[str, Any]) -> int:
+    """The set's warm-up, or a longer one where the model's window is full later."""
+    sizes = {"inputs": len(data.observation), "outputs": len(data.force)}
+    memory = memory_of(arch, **sizes, window_s=data.window_s, rate_hz=data.rate_hz, hyper=hyper)
+    return max(data.warm_up_steps, memory.reach)
 
 
 def _observed(data: EpisodeSet) -> tuple[ObservationChannel, ...]:
@@ -293,7 +311,7 @@ def _solve(
 ) -> "_Ended":
     """The reservoir's way: one pass, nothing to resume."""
     began = time.monotonic()
-    learned, held_out = (tape.to(device) for tape in tapes(data, config.lead_s))
+    learned, held_out = (tape.to(device) for tape in _tapes_of(config, data))
     loss, found = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
     write_tensors(folder / BEST, predictor.state_dict(), {"epoch": 1})
     return _Ended(Standing((loss,)), time.monotonic() - began, _ridge_errors(config, found))
@@ -323,7 +341,7 @@ def _descend(
     on_standing: OnStanding,
 ) -> "_Ended":
     """Epoch by epoch, each saved whole: one file, so that weights and optimiser always agree."""
-    fit = new_fit(config, predictor, *tapes(data, config.lead_s), device=device)
+    fit = new_fit(config, predictor, *_tapes_of(config, data), device=device)
     seconds = _resume(folder / LAST, fit)
     began = time.monotonic() - seconds
     while not fit.finished:
@@ -373,7 +391,10 @@ def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, de
     """Score the best weights and close the run."""
     predictor = new_predictor(config)
     restore_best(predictor, folder)
-    validation, test = (score(predictor, data, s, config.lead_s) for s in ("validation", "test"))
+    validation, test = (
+        score(predictor, data, split, config.lead_s, config.warm_up_steps)
+        for split in ("validation", "test")
+    )
     metrics = RunMetrics(
         finished_utc=datetime.datetime.now(datetime.UTC).isoformat(),
         seconds=ended.seconds,
