@@ -55,8 +55,12 @@ OnEpoch = Callable[[int, int], None]
 # Called after each epoch with where the fit stands, all epochs before this one included.
 OnStanding = Callable[[Standing], None]
 
-# Why a run is not lengthened.
-_ANNEALED = ": its learning rate fell to the end over these epochs, so more of them are another run"
+# Why a run goes on with the epochs that it was begun with.
+_ANNEALED = (
+    ": the learning rate falls over all epochs of a run, so with another number it is another"
+)
+# What to do about a run in the way, by the command and from Python.
+_ELSEWHERE = "choose another --out (out=), or --fresh (fresh=True) to replace it"
 _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
 
 
@@ -75,6 +79,7 @@ def configure(
     The past of the channels `present_only` is kept from the model. Where the model looks back
     further than the set's window, its warm-up lasts until its memory is full.
     """
+    _require_moving_forces(data)
     unknown = set(present_only) - {c.name for c in data.observation}
     if unknown:
         raise UnusableInput(f"{data.domain} has no channel {', '.join(sorted(unknown))}.")
@@ -231,6 +236,20 @@ def new_fit(
     )
 
 
+def _require_moving_forces(data: EpisodeSet) -> None:
+    """UnusableInput for a force that is the same in all training episodes."""
+    episodes = data.part("train")
+    for i, channel in enumerate(data.force):
+        first = episodes[0].force[0, i] if episodes else 0.0
+        if episodes and all((episode.force[:, i] == first).all() for episode in episodes):
+            where = f"This {data.domain} set" if data.folder is None else str(data.folder)
+            raise UnusableInput(
+                f"{where}: the force {channel.name} is {first:.6g} {channel.unit} in all training"
+                " episodes, which is nothing to learn; give episodes in which it changes, or leave"
+                " the channel out."
+            )
+
+
 def _tapes_of(config: RunConfig, data: EpisodeSet) -> tuple[Tape, Tape]:
     return tapes(data, config.lead_s, config.warm_up_steps)
 
@@ -282,21 +301,20 @@ def _clear(folder: Path) -> None:
 def _check_same(folder: Path, there: RunConfig, wanted: RunConfig) -> None:
     """A run is continued with the configuration it was begun with, or not at all."""
     old, new = _flat(there), _flat(wanted)
+    begun = "trained" if (folder / METRICS).exists() else "begun"
     if old["data_sha256"] != new["data_sha256"]:
-        raise UnusableRun(
-            f"{folder} was trained on other data; choose another --out, or --fresh to replace it."
-        )
+        raise UnusableRun(f"{folder} was {begun} on other data; {_ELSEWHERE}.")
     if old["training"] != new["training"]:
         raise UnusableRun(
-            f"{folder} was trained by other code (revision {old['training']}, this is"
-            f" {new['training']}); choose another --out, or --fresh to replace it."
+            f"{folder} was {begun} by other code (revision {old['training']}, this is"
+            f" {new['training']}); {_ELSEWHERE}."
         )
     for name in sorted(old.keys() | new.keys()):
         if old.get(name) != new.get(name):
             because = _ANNEALED if name == "epochs" else ""
             raise UnusableRun(
-                f"{folder} was trained with {name} = {old.get(name)}, not {new.get(name)}{because};"
-                " choose another --out, or --fresh to replace it."
+                f"{folder} was {begun} with {name} = {old.get(name)}, not {new.get(name)}{because};"
+                f" {_ELSEWHERE}."
             )
 
 
@@ -348,8 +366,8 @@ def _descend(
         standing = fit.run_epoch()
         if not math.isfinite(standing.history[-1]):
             raise CheckFailed(
-                f"{folder}: training diverged in epoch {standing.epoch}; try --fresh with a smaller"
-                " --learning-rate."
+                f"{folder}: training diverged in epoch {standing.epoch}; try --fresh (fresh=True)"
+                " with a smaller --learning-rate (learning_rate=)."
             )
         if standing.improved:
             write_tensors(folder / BEST, predictor.state_dict(), {"epoch": standing.epoch})
@@ -423,5 +441,5 @@ def _scores(found: Score, folder: Path) -> Scores:
     except ValidationError as error:
         raise CheckFailed(
             f"{folder}: the errors of the best weights are not finite ({first_problem(error)});"
-            " train again with --fresh."
+            " train again with --fresh (fresh=True)."
         ) from error
