@@ -214,6 +214,17 @@ def test_of_several_runs_one_is_exported(runs: wd.Runs) -> None:
         wd.export(runs, data=echo())
 
 
+def test_what_is_no_run_is_not_evaluated(runs: wd.Runs) -> None:
+    for strange in (runs["gru"].predictor, [runs[0], 3]):
+        with pytest.raises(wd.UnusableInput, match=r"cannot be evaluated; give what train"):
+            wd.evaluate(strange, echo())
+
+
+def test_the_folder_of_a_run_is_no_package_yet(runs: wd.Runs) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"folder of a run; .*wd\.export"):
+        wd.load(runs["gru"].folder)
+
+
 def test_names_that_are_none_are_answered(session: Path) -> None:
     with pytest.raises(wd.UnusableInput, match="'gruu' is no architecture; did you mean gru"):
         wd.train(echo(), "gruu", out=session)

@@ -1,6 +1,7 @@
 """Train predictors on a set of episodes, and score finished runs on any set that fits them."""
 
 import functools
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -422,6 +423,7 @@ def _trained_runs(
 
     if isinstance(runs, TrainedRun):
         runs = [runs]
+    _require_runs(runs)
     if isinstance(runs, Sequence) and not isinstance(runs, str):
         trained = list(runs)
         for run in trained:
@@ -436,6 +438,23 @@ def _trained_runs(
             trained.append(load_run(folder))
             progress("Reading the runs", number, len(folders))
     return sorted(trained, key=_place_in_table)
+
+
+def _require_runs(runs: object) -> None:
+    """UnusableInput for what is neither a run, nor some, nor a folder of them."""
+    from trainers.training.runs import TrainedRun
+
+    if isinstance(runs, str | os.PathLike):
+        return
+    several = list(runs) if isinstance(runs, Sequence) else [runs]
+    strange = next((each for each in several if not isinstance(each, TrainedRun)), None)
+    if strange is not None:
+        raise UnusableInput(
+            f"A {type(strange).__name__} cannot be evaluated; give what train returned, a run of"
+            " it, or a folder of runs."
+        )
+    if not several:
+        raise UnusableInput("There is no run to evaluate; give what train returned, or a folder.")
 
 
 def _place_text(place: object) -> str:
