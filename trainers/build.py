@@ -8,7 +8,7 @@ import torch
 
 from trainers.architecture import Architecture
 from trainers.bounds import check_hyper
-from trainers.memory import Sizes
+from trainers.memory import Memory, Sizes
 from trainers.model import WakeModel
 from wakedeploy.core.discovery import ARCHITECTURE, offers
 from wakedeploy.core.episodes import window_shape
@@ -89,14 +89,36 @@ def trainable_weights(
     return _count(arch, sizes, hyper_parameters(arch, hyper or {}))
 
 
+def memory_of(
+    arch: str,
+    *,
+    inputs: int,
+    outputs: int,
+    window_s: float,
+    rate_hz: float,
+    hyper: Mapping[str, Any] | None = None,
+) -> Memory:
+    """What a core would remember, told before any memory is taken for its weights.
+
+    Raises UnusableInput for what `build` refuses, but for the budget.
+    """
+    sizes = _sizes(inputs, outputs, window_s, rate_hz)
+    return _unfilled(arch, sizes, hyper_parameters(arch, hyper or {})).memory
+
+
 def _sizes(inputs: int, outputs: int, window_s: float, rate_hz: float) -> Sizes:
     k, stride = window_shape(window_s, rate_hz)
     return Sizes(inputs, outputs, k, stride, rate_hz)
 
 
 def _count(arch: str, sizes: Sizes, values: Any) -> int:
+    return _unfilled(arch, sizes, values).trainable
+
+
+def _unfilled(arch: str, sizes: Sizes, values: Any) -> WakeModel:
+    """A core whose weights have shapes and no values."""
     with torch.device("meta"), torch.random.fork_rng(devices=[]):
-        return ARCHITECTURES[arch].core(sizes, values).trainable
+        return ARCHITECTURES[arch].core(sizes, values)
 
 
 def _check_budget(arch: str, sizes: Sizes, values: Any) -> None:

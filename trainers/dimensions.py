@@ -49,7 +49,8 @@ class Choice:
 
 Dimension = Span | Choice
 
-# How far back a window looks, in seconds; scores are taken where the set's own window is full.
+# How far back a window looks, in seconds. Trials of a search are compared where the set's own
+# window is full, on the same samples; a run is scored where its own memory is full.
 HISTORY = Span("history_s", 0.25, 2.0, log=True, of_window=True)
 
 _DESCENT = (

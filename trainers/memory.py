@@ -21,6 +21,11 @@ class Memory:
     stride: int = 1
     states: dict[str, tuple[int, ...]] = field(default_factory=dict)
 
+    @property
+    def reach(self) -> int:
+        """How many samples before the newest a window begins; 0 without a window."""
+        return (self.k - 1) * self.stride
+
 
 @dataclass(frozen=True)
 class Sizes:

@@ -26,3 +26,11 @@ def test_a_caller_is_warned_of_a_sensor_that_fell_silent(tmp_path) -> None:
         (recording,) = wd.read_log(log, columns)
     assert told[0].filename == __file__
     assert np.isnan(recording.columns["angle_rad"][210:240]).all()
+
+
+def test_a_log_that_is_not_there_is_a_wrong_path(tmp_path) -> None:
+    columns = tmp_path / "columns.toml"
+    columns.write_text(COLUMNS)
+    for read in (wd.import_table, wd.read_log):
+        with pytest.raises(wd.UnusableInput, match=r"lgo\.csv: is not there; correct the path"):
+            read(tmp_path / "lgo.csv", columns)

@@ -184,7 +184,7 @@ def test_a_package_becomes_c_which_predicts_the_same(
     assert loaded.predict(np.empty((0, several.shape[-1]))).shape == (0, forces.shape[-1])
     checked = loaded.check()
     assert checked.steps >= 3200
-    with pytest.raises(wd.UnusableInput, match="is there already"):
+    with pytest.raises(wd.UnusableInput, match="is there already; name another folder for the C"):
         wd.export(predictor, c=folder)
     with pytest.raises(wd.UnusableInput, match="is C already"):
         wd.export(loaded, c=tmp_path / "again")

@@ -139,6 +139,25 @@ def test_a_finished_run_without_episodes_is_scored_in_each(session: Path) -> Non
     assert again[0].metrics.test_episodes == first[0].metrics.test_episodes
 
 
+def test_nothing_is_scored_before_a_longer_memory_is_full(session: Path) -> None:
+    data = echo()
+    long_s = 3 * data.window_s
+    reach = round(long_s * data.rate_hz)
+    hyper, heard = {"history-mlp.history_s": long_s}, []
+    asked = {"epochs": 1, "hyper": hyper, "out": session / "long", "pictures": False}
+    runs = wd.train(data, ["history-mlp", "agile-mlp"], **asked, warn=heard.append)
+    assert [f"history_s = {long_s:g}" in told and "window_s" in told for told in heard] == [True]
+    assert runs["history-mlp"].config.warm_up_steps == reach
+    assert runs["agile-mlp"].config.warm_up_steps == data.warm_up_steps
+    samples = sum(len(episode) - reach for episode in data.part("test"))
+    assert {sum(e.samples for e in row.episodes) for row in runs.scores.rows} == {samples}
+    assert runs.scores.baselines[0.0]["zero"].samples == samples
+    again = wd.evaluate(runs, data)
+    assert [row.rmse for row in again.rows] == [
+        row.rmse for row in sorted(runs.scores.rows, key=lambda row: row.arch)
+    ]
+
+
 def test_scores_show_themselves(runs: wd.Runs) -> None:
     assert "RMSE f_n [N]: history-mlp s0" in repr(runs)
     assert "<td>gru</td>" in runs._repr_html_()
@@ -193,6 +212,17 @@ def test_an_exported_run_becomes_c_beside_its_package(runs: wd.Runs, session: Pa
 def test_of_several_runs_one_is_exported(runs: wd.Runs) -> None:
     with pytest.raises(wd.UnusableInput, match=r'2 runs were trained; .* runs\["history-mlp"\]'):
         wd.export(runs, data=echo())
+
+
+def test_what_is_no_run_is_not_evaluated(runs: wd.Runs) -> None:
+    for strange in (runs["gru"].predictor, [runs[0], 3]):
+        with pytest.raises(wd.UnusableInput, match=r"cannot be evaluated; give what train"):
+            wd.evaluate(strange, echo())
+
+
+def test_the_folder_of_a_run_is_no_package_yet(runs: wd.Runs) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"folder of a run; .*wd\.export"):
+        wd.load(runs["gru"].folder)
 
 
 def test_names_that_are_none_are_answered(session: Path) -> None:

@@ -139,6 +139,15 @@ def test_runs_of_other_settings_are_not_averaged_as_seeds(folder: Path) -> None:
     ]  # fmt: skip
 
 
+def test_what_was_finished_already_is_said(folder: Path) -> None:
+    asked = ("train", "--data", folder / "set", "--arch", "agile-mlp", "--epochs", 1,
+             "--out", folder / "twice", "--no-pictures")  # fmt: skip
+    first, again, more = wakedeploy(*asked), wakedeploy(*asked), wakedeploy(*asked, "--seeds", 2)
+    assert "finished already" not in first.output
+    assert "Nothing was trained: the run was finished already" in again.output
+    assert "1 of 2 runs were finished already" in more.output
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -146,7 +155,7 @@ def test_runs_of_other_settings_are_not_averaged_as_seeds(folder: Path) -> None:
         (["--arch", "gru", "--hyper", "tcn.kernel=3"], "ARCH.NAME=VALUE for one of gru"),
         (["--arch", "gru", "--hyper", "gru.hidden=many"], "is not a number"),
         (["--arch", "gru", "--hyper", "gru.hidden=220"], "budget is fewer than 100,000"),
-        (["--arch", "agile-mlp", "--epochs", "4"], "epochs = 3, not 4: its learning rate fell"),
+        (["--arch", "agile-mlp", "--epochs", "4"], "epochs = 3, not 4: the learning rate falls"),
         (["--arch", "agile-mlp", "--epochs", "3", "--learning-rate", "0.1"], "not 0.1; choose"),
     ],
 )

@@ -333,7 +333,9 @@ class UnusableRun(UnusableInput):
 
 def damaged(path: Path, why: str) -> UnusableRun:
     """The sentence for a checkpoint that cannot be used."""
-    return UnusableRun(f"{path} is damaged ({why}); train this run again with --fresh.")
+    return UnusableRun(
+        f"{path} is damaged ({why}); train this run again with --fresh (fresh=True)."
+    )
 
 
 def _read(kind: type[AnyRecord], path: Path) -> AnyRecord:

@@ -78,11 +78,7 @@ def lay_tape(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> Tape:
     every = [(e.name, *_with_target(e, lead_s, data.rate_hz)) for e in data.part(split)]
     parts = [part for part in every if len(part[2]) > warm_up]
     if not parts:
-        raise UnusableInput(
-            f"The '{split}' split of this {data.domain} set has no episode longer than its warm-up"
-            f" of {warm_up} samples plus a lead of {lead_s} s; record longer episodes or"
-            " choose a smaller lead."
-        )
+        raise _too_short(data, split, lead_s, warm_up)
     names, observations, forces = zip(*parts, strict=True)
     lengths = tuple(map(len, forces))
     first = torch.tensor(np.repeat(np.cumsum((0, *lengths[:-1])), lengths))
@@ -93,6 +89,21 @@ def lay_tape(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> Tape:
         scored=torch.arange(len(first)) - first >= warm_up,
         lengths=lengths,
         names=names,
+    )
+
+
+def _too_short(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> UnusableInput:
+    """The sentence for a split of which warm-up and lead leave nothing."""
+    longest = max(map(len, data.part(split)), default=0)
+    if longest > warm_up:
+        shorter = "a smaller lead"
+    else:
+        shorter = "a shorter history_s" if warm_up > data.warm_up_steps else "a shorter window_s"
+    lead = f" plus a lead of {lead_s:g} s" if lead_s > 0 else ""
+    return UnusableInput(
+        f"The '{split}' split of this {data.domain} set has no episode longer than its warm-up of"
+        f" {warm_up} samples{lead}, the longest has {longest}; record longer episodes or choose"
+        f" {shorter}."
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from trainers.bounds import check_settings
-from trainers.build import ARCHITECTURES, hyper_parameters
+from trainers.build import ARCHITECTURES, hyper_parameters, memory_of
 from trainers.model import Predictor, SolvedModel
 from trainers.training.device import choose_device
 from trainers.training.fit import Fit, FitSettings, Standing
@@ -55,8 +55,12 @@ OnEpoch = Callable[[int, int], None]
 # Called after each epoch with where the fit stands, all epochs before this one included.
 OnStanding = Callable[[Standing], None]
 
-# Why a run is not lengthened.
-_ANNEALED = ": its learning rate fell to the end over these epochs, so more of them are another run"
+# Why a run goes on with the epochs that it was begun with.
+_ANNEALED = (
+    ": the learning rate falls over all epochs of a run, so with another number it is another"
+)
+# What to do about a run in the way, by the command and from Python.
+_ELSEWHERE = "choose another --out (out=), or --fresh (fresh=True) to replace it"
 _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
 
 
@@ -72,8 +76,10 @@ def configure(
 ) -> RunConfig:
     """The configuration of a run on this set. Raises UnusableInput for what cannot be built.
 
-    The past of the channels `present_only` is kept from the model.
+    The past of the channels `present_only` is kept from the model. Where the model looks back
+    further than the set's window, its warm-up lasts until its memory is full.
     """
+    _require_moving_forces(data)
     unknown = set(present_only) - {c.name for c in data.observation}
     if unknown:
         raise UnusableInput(f"{data.domain} has no channel {', '.join(sorted(unknown))}.")
@@ -86,7 +92,7 @@ def configure(
             rate_hz=data.rate_hz,
             lead_s=lead_s,
             window_s=data.window_s,
-            warm_up_steps=data.warm_up_steps,
+            warm_up_steps=_warm_up_steps(data, arch, values),
             observation=_observed(data),
             force=tuple(Quantity(name=c.name, unit=c.unit) for c in data.force),
             loss_weights=data.loss_weights,
@@ -169,7 +175,8 @@ def train(
     predictor = new_predictor(config)
     device = choose_device(device, predictor, FitSettings(**config.settings))  # type: ignore[arg-type]
     if fresh or not (folder / METRICS).exists():
-        require_enough(data, config.lead_s)  # before anything is written, or of an earlier run goes
+        # Before anything is written, or of an earlier run goes.
+        require_enough(data, config.lead_s, config.warm_up_steps)
     with one_at_a_time(folder):  # of two that train the same, the second finds it done
         remove_unfinished(folder)
         if fresh:
@@ -189,19 +196,24 @@ def train(
         return load_run(folder)
 
 
-def tapes(data: EpisodeSet, lead_s: float) -> tuple[Tape, Tape]:
+def tapes(data: EpisodeSet, lead_s: float, warm_up: int | None = None) -> tuple[Tape, Tape]:
     """What is learned from, and what decides when it has been learned.
 
-    Raises UnusableInput where the set has too little of either.
+    Both are scored after `warm_up` samples, None: the set's. Raises UnusableInput where the set has
+    too little of either.
     """
-    learned = lay_tape(data, "train", lead_s, data.warm_up_steps)
-    return learned, lay_tape(data, "validation", lead_s, data.warm_up_steps)
+    steps = data.warm_up_steps if warm_up is None else warm_up
+    return lay_tape(data, "train", lead_s, steps), lay_tape(data, "validation", lead_s, steps)
 
 
-def require_enough(data: EpisodeSet, lead_s: float) -> None:
-    """UnusableInput where a split of the set has nothing left after warm-up and lead."""
+def require_enough(data: EpisodeSet, lead_s: float, warm_up: int | None = None) -> None:
+    """UnusableInput where a split of the set has nothing left after warm-up and lead.
+
+    The warm-up is in samples, None: the set's.
+    """
+    steps = data.warm_up_steps if warm_up is None else warm_up
     for split in SPLITS:
-        lay_tape(data, split, lead_s, data.warm_up_steps)
+        lay_tape(data, split, lead_s, steps)
 
 
 def new_fit(
@@ -222,6 +234,31 @@ def new_fit(
         seed=config.seed,
         device=device,
     )
+
+
+def _require_moving_forces(data: EpisodeSet) -> None:
+    """UnusableInput for a force that is the same in all training episodes."""
+    episodes = data.part("train")
+    for i, channel in enumerate(data.force):
+        first = episodes[0].force[0, i] if episodes else 0.0
+        if episodes and all((episode.force[:, i] == first).all() for episode in episodes):
+            where = f"This {data.domain} set" if data.folder is None else str(data.folder)
+            raise UnusableInput(
+                f"{where}: the force {channel.name} is {first:.6g} {channel.unit} in all training"
+                " episodes, which is nothing to learn; give episodes in which it changes, or leave"
+                " the channel out."
+            )
+
+
+def _tapes_of(config: RunConfig, data: EpisodeSet) -> tuple[Tape, Tape]:
+    return tapes(data, config.lead_s, config.warm_up_steps)
+
+
+def _warm_up_steps(data: EpisodeSet, arch: str, hyper: Mapping[str, Any]) -> int:
+    """The set's warm-up, or a longer one where the model's window is full later."""
+    sizes = {"inputs": len(data.observation), "outputs": len(data.force)}
+    memory = memory_of(arch, **sizes, window_s=data.window_s, rate_hz=data.rate_hz, hyper=hyper)
+    return max(data.warm_up_steps, memory.reach)
 
 
 def _observed(data: EpisodeSet) -> tuple[ObservationChannel, ...]:
@@ -264,21 +301,20 @@ def _clear(folder: Path) -> None:
 def _check_same(folder: Path, there: RunConfig, wanted: RunConfig) -> None:
     """A run is continued with the configuration it was begun with, or not at all."""
     old, new = _flat(there), _flat(wanted)
+    begun = "trained" if (folder / METRICS).exists() else "begun"
     if old["data_sha256"] != new["data_sha256"]:
-        raise UnusableRun(
-            f"{folder} was trained on other data; choose another --out, or --fresh to replace it."
-        )
+        raise UnusableRun(f"{folder} was {begun} on other data; {_ELSEWHERE}.")
     if old["training"] != new["training"]:
         raise UnusableRun(
-            f"{folder} was trained by other code (revision {old['training']}, this is"
-            f" {new['training']}); choose another --out, or --fresh to replace it."
+            f"{folder} was {begun} by other code (revision {old['training']}, this is"
+            f" {new['training']}); {_ELSEWHERE}."
         )
     for name in sorted(old.keys() | new.keys()):
         if old.get(name) != new.get(name):
             because = _ANNEALED if name == "epochs" else ""
             raise UnusableRun(
-                f"{folder} was trained with {name} = {old.get(name)}, not {new.get(name)}{because};"
-                " choose another --out, or --fresh to replace it."
+                f"{folder} was {begun} with {name} = {old.get(name)}, not {new.get(name)}{because};"
+                f" {_ELSEWHERE}."
             )
 
 
@@ -293,7 +329,7 @@ def _solve(
 ) -> "_Ended":
     """The reservoir's way: one pass, nothing to resume."""
     began = time.monotonic()
-    learned, held_out = (tape.to(device) for tape in tapes(data, config.lead_s))
+    learned, held_out = (tape.to(device) for tape in _tapes_of(config, data))
     loss, found = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
     write_tensors(folder / BEST, predictor.state_dict(), {"epoch": 1})
     return _Ended(Standing((loss,)), time.monotonic() - began, _ridge_errors(config, found))
@@ -323,15 +359,15 @@ def _descend(
     on_standing: OnStanding,
 ) -> "_Ended":
     """Epoch by epoch, each saved whole: one file, so that weights and optimiser always agree."""
-    fit = new_fit(config, predictor, *tapes(data, config.lead_s), device=device)
+    fit = new_fit(config, predictor, *_tapes_of(config, data), device=device)
     seconds = _resume(folder / LAST, fit)
     began = time.monotonic() - seconds
     while not fit.finished:
         standing = fit.run_epoch()
         if not math.isfinite(standing.history[-1]):
             raise CheckFailed(
-                f"{folder}: training diverged in epoch {standing.epoch}; try --fresh with a smaller"
-                " --learning-rate."
+                f"{folder}: training diverged in epoch {standing.epoch}; try --fresh (fresh=True)"
+                " with a smaller --learning-rate (learning_rate=)."
             )
         if standing.improved:
             write_tensors(folder / BEST, predictor.state_dict(), {"epoch": standing.epoch})
@@ -373,7 +409,10 @@ def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, de
     """Score the best weights and close the run."""
     predictor = new_predictor(config)
     restore_best(predictor, folder)
-    validation, test = (score(predictor, data, s, config.lead_s) for s in ("validation", "test"))
+    validation, test = (
+        score(predictor, data, split, config.lead_s, config.warm_up_steps)
+        for split in ("validation", "test")
+    )
     metrics = RunMetrics(
         finished_utc=datetime.datetime.now(datetime.UTC).isoformat(),
         seconds=ended.seconds,
@@ -402,5 +441,5 @@ def _scores(found: Score, folder: Path) -> Scores:
     except ValidationError as error:
         raise CheckFailed(
             f"{folder}: the errors of the best weights are not finite ({first_problem(error)});"
-            " train again with --fresh."
+            " train again with --fresh (fresh=True)."
         ) from error

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.caller import warn_caller
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
@@ -84,12 +85,16 @@ def guess_columns(log: PathLike) -> str:
     """
     from wakedeploy.domains.tables.guess import guess_columns as guess
 
-    return guess(Path(log))
+    return guess(*_paths(log))
 
 
 def _paths(files: Paths) -> list[Path]:
     several = [files] if isinstance(files, str) or not isinstance(files, Sequence) else files
-    return [Path(path) for path in several]
+    paths = [Path(path) for path in several]
+    for path in paths:
+        if not path.exists():
+            raise UnusableInput(f"{path}: is not there; correct the path of this log.")
+    return paths
 
 
 def _columns(columns: "Columns | PathLike") -> "Columns":

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.core.rig import Rig
 
+# What a run's folder holds, as trainers.training.runs has it, which loads torch.
+_OF_RUN = ("config.json", "best.safetensors")
+
 
 class Predictor:
     """A package or a folder of C that predicts: SI units, channels in the manifest's order.
@@ -160,7 +163,17 @@ def load(path: PathLike) -> Predictor:
         UnusableInput: What is there is absent, foreign, damaged, of another release, or asks for
             what no package may.
     """
+    _refuse_run(Path(path))
     return Predictor(read_flyable(Path(path)), Path(path))
+
+
+def _refuse_run(path: Path) -> None:
+    """UnusableInput for the folder of a run, finished or not."""
+    if all((path / name).is_file() for name in _OF_RUN):
+        raise UnusableInput(
+            f"{path}: is the folder of a run; make a package of it by wd.export({str(path)!r}), or"
+            " `wakedeploy export`, and load that."
+        )
 
 
 def export(

@@ -1,6 +1,7 @@
 """Train predictors on a set of episodes, and score finished runs on any set that fits them."""
 
 import functools
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -75,7 +76,7 @@ class _Manner:
     pictures: bool
     progress: Progress
     warn: Warn
-    baselines: "Callable[[], Mapping[str, Score]]"
+    baselines: "Callable[[int], Mapping[str, Score]]"  # after so many samples of warm-up
 
 
 def train(
@@ -101,7 +102,8 @@ def train(
 
     A run that is finished with the same data and settings is not trained again, and one that was
     stopped goes on. Of an episode a predictor sees observations (T, d) and learns forces (T, o), in
-    the units of the set's channels.
+    the units of the set's channels. All scores are of the same samples: where a predictor looks
+    back further than the set's `window_s` [s], they begin once its memory is full.
 
     Args:
         data: A set, or the folder of one.
@@ -142,15 +144,19 @@ def train(
     lead_s = chosen_lead_s(data, lead_s)
     presets = {name: usable_preset(preset, name, data, lead_s, warn) for name in names}
     configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
+    _warn_of_long_memory(configs, data, warn)
     opened = _opened(tracker, Path(out), warn)
-    beside = functools.cache(lambda: baselines(data, "test", lead_s))
+    beside = functools.cache(lambda warm_up: baselines(data, "test", lead_s, warm_up))
     manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn, beside)
     with _threads(threads):
         runs = [
             _trained(config, data, manner, f"{number} of {len(configs)}")
             for number, config in enumerate(configs, 1)
         ]
-        return Runs(runs, Path(out), _test_scores(runs, {lead_s: beside()}))
+        warm_up = max(config.warm_up_steps for config in configs)
+        rows = tuple(_test_row(run, data, warm_up) for run in runs)
+        scores = Scores(rows, {lead_s: beside(warm_up)}, runs[0].config.force, "test")
+        return Runs(runs, Path(out), scores)
 
 
 def evaluate(
@@ -188,7 +194,7 @@ def evaluate(
     data = episode_set(data)
     trained = _trained_runs(runs, data, place, progress, warn)
     _warn_of_ranges(trained, data, split, warn)
-    warm_up = max(data.warm_up_steps, *(run.config.warm_up_steps for run in trained))
+    warm_up = max(data.warm_up_steps, *(_warm_up_steps(run) for run in trained))
     rows = []
     for number, run in enumerate(trained, 1):
         rows.append(_evaluated(run, data, split, warm_up))
@@ -290,6 +296,27 @@ def usable_preset(
     return found
 
 
+def _warn_of_long_memory(configs: "list[RunConfig]", data: "EpisodeSet", warn: Warn) -> None:
+    """Say which architectures look back further than the set's window, and what follows."""
+    longer = [config for config in configs if config.warm_up_steps > data.warm_up_steps]
+    if not longer:
+        return
+    names = ", ".join(dict.fromkeys(map(_with_history, longer)))
+    steps = max(config.warm_up_steps for config in longer)
+    warn(
+        f"{names}: looks back further than the set's window_s = {data.window_s:g}. The scores in"
+        f" the table begin {steps} samples ({steps / data.rate_hz:g} s) into each episode, where"
+        " every memory is full. Choose a shorter memory, or make the set with a longer window_s, to"
+        " compare with other runs."
+    )
+
+
+def _with_history(config: "RunConfig") -> str:
+    """An architecture with the length of its memory, where it states that in seconds."""
+    history_s = config.hyper.get("history_s")
+    return config.arch if history_s is None else f"{config.arch} (history_s = {history_s:g})"
+
+
 def _opened(tracker: str | None, out: Path, warn: Warn) -> "Tracker | None":
     """The tracker asked for; says where it keeps what it is told."""
     from trainers.trackers import open_tracker
@@ -340,7 +367,7 @@ def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: s
             raise
         run = _with_test_episodes(run, data)
         tracked.finished(run, _drawn(lambda: write_pictures(run, data), manner))
-        _drawn(lambda: [write_run_report(run, manner.baselines())], manner)
+        _drawn(lambda: [write_run_report(run, manner.baselines(config.warm_up_steps))], manner)
     return run
 
 
@@ -353,7 +380,8 @@ def _with_test_episodes(run: "TrainedRun", data: "EpisodeSet") -> "TrainedRun":
 
     if run.metrics.test_episodes:
         return run
-    found = score(run.predictor, data, "test", run.config.lead_s).episodes
+    warm_up = run.config.warm_up_steps
+    found = score(run.predictor, data, "test", run.config.lead_s, warm_up).episodes
     return replace(run, metrics=run.metrics.model_copy(update={"test_episodes": found}))
 
 
@@ -368,14 +396,16 @@ def _drawn(write: Callable[[], list[Path]], manner: _Manner) -> list[Path]:
         return []
 
 
-def _test_scores(
-    runs: "Sequence[TrainedRun]", beside: "Mapping[float, Mapping[str, Score]]"
-) -> Scores:
-    rows = [
-        score_row(run, "test", (m.test.rmse, m.test.r2, m.test_episodes), m.seconds)
-        for run, m in ((run, run.metrics) for run in runs)
-    ]
-    return Scores(tuple(rows), beside, runs[0].config.force, "test")
+def _test_row(run: "TrainedRun", data: "EpisodeSet", warm_up: int) -> ScoreRow:
+    """A run's errors after the warm-up of the table, in samples; as recorded where it is its."""
+    from trainers.training.score import score
+
+    recorded = run.metrics
+    found = (recorded.test.rmse, recorded.test.r2, recorded.test_episodes)
+    if warm_up != run.config.warm_up_steps:
+        later = score(run.predictor, data, "test", run.config.lead_s, warm_up)
+        found = (later.rmse, later.r2, later.episodes)
+    return score_row(run, "test", found, recorded.seconds)
 
 
 # --- scoring ------------------------------------------------------------------------------------
@@ -393,6 +423,7 @@ def _trained_runs(
 
     if isinstance(runs, TrainedRun):
         runs = [runs]
+    _require_runs(runs)
     if isinstance(runs, Sequence) and not isinstance(runs, str):
         trained = list(runs)
         for run in trained:
@@ -407,6 +438,23 @@ def _trained_runs(
             trained.append(load_run(folder))
             progress("Reading the runs", number, len(folders))
     return sorted(trained, key=_place_in_table)
+
+
+def _require_runs(runs: object) -> None:
+    """UnusableInput for what is neither a run, nor some, nor a folder of them."""
+    from trainers.training.runs import TrainedRun
+
+    if isinstance(runs, str | os.PathLike):
+        return
+    several = list(runs) if isinstance(runs, Sequence) else [runs]
+    strange = next((each for each in several if not isinstance(each, TrainedRun)), None)
+    if strange is not None:
+        raise UnusableInput(
+            f"A {type(strange).__name__} cannot be evaluated; give what train returned, a run of"
+            " it, or a folder of runs."
+        )
+    if not several:
+        raise UnusableInput("There is no run to evaluate; give what train returned, or a folder.")
 
 
 def _place_text(place: object) -> str:
@@ -471,6 +519,11 @@ def _place_in_table(run: "TrainedRun") -> tuple[int, int]:
     from trainers.build import ARCHITECTURES
 
     return list(ARCHITECTURES).index(run.config.arch), run.config.seed
+
+
+def _warm_up_steps(run: "TrainedRun") -> int:
+    """When a run may be scored; the records of an earlier version may say it too early."""
+    return max(run.config.warm_up_steps, run.predictor.memory.reach)
 
 
 def _evaluated(run: "TrainedRun", data: "EpisodeSet", split: str, warm_up: int) -> ScoreRow:

@@ -1,6 +1,7 @@
 """`wakedeploy train`: fit one, several or all architectures on an episode set."""
 
 import contextlib
+import datetime
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.names import architectures, meant
 
 if TYPE_CHECKING:
+    from trainers.training.runs import TrainedRun
     from trainers.training.score import Score
     from wakedeploy.api.scores import ScoreRow
     from wakedeploy.core.manifest import Quantity
@@ -114,6 +116,7 @@ def command(
     """
     from wakedeploy.api.training import train
 
+    began = datetime.datetime.now(datetime.UTC)
     names = arch or _archs_of(preset)
     with stage_bars() as bars, _saying_what_is_kept(out, names, fresh=fresh):
         runs = train(
@@ -134,6 +137,7 @@ def command(
             progress=bars,
             warn=warn,
         )
+    _say_what_was_finished(runs, began)
     rows, lead_s = runs.scores.rows, runs[0].config.lead_s
     baselines = runs.scores.baselines[lead_s]
     title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
@@ -164,6 +168,21 @@ def _what_is_kept(out: Path, names: Sequence[str], *, fresh: bool) -> str:
     if fresh:
         return f"Finished epochs are kept in {out}: the same command goes on without --fresh."
     return f"Finished epochs are kept in {out}: the same command goes on from there."
+
+
+def _say_what_was_finished(runs: "Sequence[TrainedRun]", began: datetime.datetime) -> None:
+    """Say how many of the runs were finished before this command began."""
+    ends = [datetime.datetime.fromisoformat(run.metrics.finished_utc) for run in runs]
+    before = sum(end < began for end in ends)
+    if not before:
+        return
+    if before == len(runs):
+        which = (
+            "Nothing was trained: the run was" if before == 1 else "Nothing was trained: all were"
+        )
+    else:
+        which = f"{before} of {len(runs)} runs were"
+    warn(f"{which} finished already, with these data and settings; --fresh trains again.")
 
 
 def _archs_of(preset: str) -> tuple[str, ...]:

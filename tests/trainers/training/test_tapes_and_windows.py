@@ -1,5 +1,7 @@
 """Targets ahead, windows by index, lanes that carry state: each against the obvious way."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -42,6 +44,17 @@ def test_an_impossible_lead_is_refused(lead_s: float) -> None:
 
 def test_a_set_too_short_for_its_lead_is_refused(echo: EpisodeSet) -> None:
     with pytest.raises(UnusableInput, match="no episode longer than its warm-up"):
+        lay_tape(echo, "test", 60.0, echo.warm_up_steps)
+
+
+def test_what_to_shorten_is_what_is_too_long(echo: EpisodeSet) -> None:
+    long = dataclasses.replace(echo, window_s=100.0)
+    with pytest.raises(UnusableInput, match="choose a shorter window_s") as told:
+        lay_tape(long, "test", 0.0, long.warm_up_steps)
+    assert "lead" not in str(told.value)
+    with pytest.raises(UnusableInput, match="choose a shorter history_s"):
+        lay_tape(echo, "test", 0.0, 10_000)
+    with pytest.raises(UnusableInput, match="choose a smaller lead"):
         lay_tape(echo, "test", 60.0, echo.warm_up_steps)
 
 

@@ -90,6 +90,25 @@ def test_a_resumed_run_ends_exactly_like_an_uninterrupted_one(
     assert whole.metrics.test == resumed.metrics.test
 
 
+def test_a_force_that_never_changes_is_refused_by_its_name(echo: EpisodeSet) -> None:
+    still = tuple(dataclasses.replace(e, force=np.ones_like(e.force)) for e in echo.episodes)
+    data = dataclasses.replace(echo, episodes=still)
+    with pytest.raises(UnusableInput, match=r"force f_n is 1 N in all training episodes"):
+        configure(data, "agile-mlp", seed=0, lead_s=0.0)
+
+
+def test_an_interrupted_run_keeps_its_epochs_and_says_why(echo: EpisodeSet, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        trained(echo, tmp_path, "agile-mlp", on_epoch=interrupt_after(2))
+    fewer = dataclasses.replace(SHORT, epochs=3)
+    with pytest.raises(
+        UnusableInput, match="was begun with epochs = 5, not 3: the learning"
+    ) as said:
+        trained(echo, tmp_path, "agile-mlp", fewer)
+    assert "more of them" not in str(said.value)
+    assert "(fresh=True)" in str(said.value)
+
+
 def test_a_finished_run_is_not_trained_again_unless_fresh(echo: EpisodeSet, tmp_path: Path) -> None:
     first = trained(echo, tmp_path, "agile-mlp")
     epochs: list[int] = []
