@@ -304,7 +304,7 @@ def _warn_of_long_memory(configs: "list[RunConfig]", data: "EpisodeSet", warn: W
     names = ", ".join(dict.fromkeys(map(_with_history, longer)))
     steps = max(config.warm_up_steps for config in longer)
     warn(
-        f"{names}: looks back further than the set's window_s = {data.window_s:g}. The scores in"
+        f"window_s of the set is {data.window_s:g}, and {names} look back further. The scores in"
         f" the table begin {steps} samples ({steps / data.rate_hz:g} s) into each episode, where"
         " every memory is full. Choose a shorter memory, or make the set with a longer window_s, to"
         " compare with other runs."

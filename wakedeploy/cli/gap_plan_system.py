@@ -38,7 +38,7 @@ def run_plan(
     if not chosen and answer is not None and answer.effects:
         found = ", ".join(effect.name for effect in answer.effects)
         raise UnusableInput(
-            f"{out}: {found} was named, and no class is open; say what else to look for: "
+            f"{out}: no class is open, as the answer names {found}; say what else to look for: "
             "--class NAME."
         )
     if not chosen:

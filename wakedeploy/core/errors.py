@@ -57,7 +57,7 @@ def relief(error: BaseException) -> str:
     if is_full(error):
         return "; free some space there, then give the same command again"
     if isinstance(error, OSError) and error.errno in _DENIED:
-        return "; name another place, or let yourself in there (chmod)"
+        return "; name another place, or change who may use this one"
     return ""
 
 

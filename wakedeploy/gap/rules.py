@@ -69,6 +69,9 @@ class Rules:
         hides_nats: A candidate that is not named and gains more is told as what a calibration may
             hide: about half of what a constant hides that has moved by three spreads.
         error_trifle: Share by which an output's error may change without being worth a word.
+        constant_ends: A constant is told otherwise than stated where its stated value is so many
+            times as far from the fitted one as the end of its interval,
+        constant_trifle: and by more than this share of it.
         sealed_share: Share of the blocks of a system's logs that is kept to confirm what was found
             in the others.
         fewest_flights: Episodes that a verdict is fitted to, at least; of two, each would be judged
@@ -107,6 +110,8 @@ class Rules:
     late_nats: float = 10.0
     hides_nats: float = 2.0
     error_trifle: float = 0.05
+    constant_ends: float = 2.0
+    constant_trifle: float = 0.05
     sealed_share: float = 0.25
     fewest_flights: int = 3
 

@@ -167,15 +167,15 @@ def train_jobs(
     Unfit are those for which the set is too small to train, validate and test on, and those whose
     hyper-parameters make too large a model of it.
     """
-    enough: set[float] = set()  # by lead
+    enough: set[tuple[float, int]] = set()  # by lead and warm-up
     buildable: set[str] = set()  # what differs by its seed alone is looked at once
     jobs: dict[str, TrainJob | UnfitJob] = {}
     for choice in choices:
         try:
             config = _configured(data, choice)
-            if config.lead_s not in enough:
-                require_enough(data, config.lead_s)
-                enough.add(config.lead_s)
+            if (config.lead_s, config.warm_up_steps) not in enough:
+                require_enough(data, config.lead_s, config.warm_up_steps)
+                enough.add((config.lead_s, config.warm_up_steps))
             shape = config.model_copy(update={"seed": 0}).model_dump_json()
             if shape not in buildable:
                 require_buildable(config)

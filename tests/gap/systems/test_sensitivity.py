@@ -149,7 +149,7 @@ def test_an_input_that_is_never_near_zero_may_have_another_rest() -> None:
     """As a servo's pulses do; of a command that crosses 0, or comes near it, nothing is said."""
     told = _notes(1500.0, inputs=[Input("command_pct", "%", low=1000.0, high=2000.0)])
     assert "input command_pct is never near 0: from 1500 to 1500 %" in told
-    assert "offset in [columns.command_pct] of columns.toml" in told
+    assert "by offset in [columns.command_pct] of columns.toml" in told
     for begins in (0.0, 0.6):
         assert "never near 0" not in _notes(begins)
 

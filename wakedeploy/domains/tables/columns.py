@@ -358,7 +358,7 @@ def _known_beside(error: pydantic.ValidationError) -> str:
         return ""
     *tables, entry = map(str, problem["loc"])
     known = list(_table_at(tables).model_fields)
-    near = difflib.get_close_matches(entry.lower(), known, 1, 0.6)
+    near = difflib.get_close_matches(entry.lower(), known, 1, 0.8)
     return f"; write {near[0]}" if near else f"; known are {', '.join(known)}"
 
 

@@ -62,6 +62,7 @@ class Ascent:
         self._gained = np.zeros(len(free))  # nats since each parameter's slopes were renewed
         self._precision = prior_precision(free)
         self._centre = neutral(free)
+        self._room = sets_at_once(model, episodes)
         self._ahead: dict[bytes, tuple[Score, ...]] = {}  # scores by the parameters' bytes
 
     def run(self, theta: FloatArray, slopes: Slopes | None) -> Fit:
@@ -141,15 +142,14 @@ class Ascent:
         if tried.tobytes() in self._ahead:
             return
         self._ahead = {}
-        room = sets_at_once(self._model, self._episodes)
-        if room < 1 + _SHORTER:
+        if self._room < 1 + _SHORTER:
             return
         sets = [tried]
         for _ in range(_SHORTER):
             damping = _shorter(damping)
             sets.append(self._tried(slopes, theta, damping)[0])
         beside = [_moved(tried, c, self._free[c])[0] for c in self._due(promised)]
-        if len(sets) + len(beside) <= room:
+        if len(sets) + len(beside) <= self._room:
             sets += beside
         self._many(np.array(sets))
 

@@ -18,7 +18,6 @@ from wakedeploy.gap.wording import FloatArray, numbers
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
 _WIDTH_IN = 7.5
 _HOLE = 3.0  # times the usual step
@@ -128,17 +127,15 @@ def _curve(x: FloatArray, y: FloatArray, height_in: float) -> "tuple[Figure, Axe
 def _line(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """What is drawn of a course: from reading to reading, also of a sensor that gives few.
 
-    It breaks where no rows were logged.
+    It breaks where none came for long: a line would claim what was not measured.
     """
-    hole = _after_hole(time_s)
-    shown = hole | np.isfinite(values)
-    return time_s[shown], np.where(hole, np.nan, values)[shown]
-
-
-def _after_hole(time_s: FloatArray) -> "NDArray[np.bool_]":
-    """The first samples after a hole, where a line would claim what was not measured."""
-    steps_s = np.diff(time_s, prepend=time_s[0])
-    return np.asarray(steps_s > _HOLE * np.median(steps_s[1:]))
+    known = np.flatnonzero(np.isfinite(values))
+    at_s, shown = time_s[known], values[known]
+    if len(known) < 2:
+        return at_s, shown
+    steps_s = np.diff(at_s)
+    breaks = 1 + np.flatnonzero(steps_s > _HOLE * np.median(steps_s))
+    return np.insert(at_s, breaks, at_s[breaks]), np.insert(shown, breaks, np.nan)
 
 
 def _legend(drawn: "Figure", axes: "Axes") -> None:

@@ -97,6 +97,10 @@ def _check_statements(system: System) -> None:
             raise UnusableInput(f"{system.name}: no `{attribute}`; state it in the class.")
     if not (isinstance(system.rate_hz, (int, float)) and 0.0 < system.rate_hz < math.inf):
         raise UnusableInput(f"{system.name}.rate_hz is {system.rate_hz!r}; give samples a second.")
+    if type(system.costs_by_point) is not bool:
+        raise UnusableInput(
+            f"{system.name}.costs_by_point is {system.costs_by_point!r}; give True or False."
+        )
     if type(system.steps) is not int or not 1 <= system.steps <= MOST_STEPS:
         raise UnusableInput(
             f"{system.name}.steps is {system.steps!r}; give a whole number from 1 to {MOST_STEPS}."

@@ -292,8 +292,8 @@ def _off_zero(stated: Input, values: FloatArray) -> list[str]:
     return [
         f"input {stated.name} is never near 0: from {minus(f'{least:.4g}')} to "
         f"{minus(f'{most:.4g}')}{_behind(stated.unit)}. A dead band, an asymmetry, a gain and a "
-        "saturation are about 0; if the value at rest is another, take it off: offset in "
-        f"[columns.{stated.name}] of columns.toml, as for pulses around 1500 µs offset = -1500."
+        "saturation are about 0; if the value at rest is another, take it off: by offset in "
+        f"[columns.{stated.name}] of columns.toml, in your functions and in the limits of `Input`."
     ]
 
 

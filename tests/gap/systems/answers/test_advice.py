@@ -102,7 +102,7 @@ def test_of_an_unknown_no_error_stands_as_after() -> None:
     assert "  cart_m: rms forecast error 47 mm" in sentences(unknown())
 
 
-def test_where_nothing_is_missing_constants_that_the_logs_contradict_are_to_be_stated() -> None:
+def test_where_nothing_is_missing_constants_that_the_logs_know_better_are_to_be_stated() -> None:
     """By three standard errors of a 90 % interval: 0.125 s is eighteen, 3 kg less than two."""
     sizes = {
         "lag_s": {"value": 0.145, "low": 0.134, "high": 0.157, "unit": "s"},
@@ -110,7 +110,7 @@ def test_where_nothing_is_missing_constants_that_the_logs_contradict_are_to_be_s
     }
     stated = {"lag_s": 0.02, "mass_kg": 14.0}
     quiet = result(verdict="none", effects=[], constants=sizes, stated=stated, moved={})
-    assert next_step(quiet).startswith("State what was fitted for `lag_s`, which the logs contra")
+    assert next_step(quiet).startswith("State what was fitted for `lag_s`, which the logs know")
     told = "\n".join(sentences(quiet))
     assert "lag_s: stated 20 ms, fitted 145 ms (134 to 157)" in told
     assert "mass_kg: stated" not in told

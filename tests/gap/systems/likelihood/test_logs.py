@@ -14,6 +14,7 @@ from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.search.rivalry import is_nothing
 from wakedeploy.gap.systems.likelihood import logs
 from wakedeploy.gap.systems.likelihood.blocks import logs_of
+from wakedeploy.gap.systems.likelihood.filter import Inputs
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 RATE = 100.0
@@ -89,6 +90,26 @@ def test_a_system_that_costs_by_point_is_asked_for_nothing_ahead():
     assert len(ahead) < len(alone)
     assert sum(ahead) > sum(alone)
     assert there == pytest.approx(here, rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("begins", [None, np.array([0, 300])])
+@pytest.mark.parametrize("steps", [1, 3, 100])
+def test_inputs_gathered_along_the_way_are_those_of_each_step(steps, begins):
+    rng = np.random.default_rng(0)
+    alike = np.broadcast_to(rng.standard_normal((2, 600 * steps)), (2, 2, 600 * steps))
+    columns = {"u": rng.standard_normal((2, 2, 600 * steps)), "v": alike}
+    inputs = Inputs(columns, None if begins is None else steps * begins)
+    at = np.arange(150)[:, None] + np.array([0, 300, 420])
+    gathered = inputs.along(at, steps)
+    for here in at:
+        for j in range(steps):
+            alone, one = inputs.at(np.arange(2)[:, None], steps * here + j), next(gathered)
+            for part, same in ((alone.mean, one.mean), (alone.early, one.early),
+                               (alone.before, one.before)):  # fmt: skip
+                assert {n: v.tolist() for n, v in part.items()} == {
+                    n: v.tolist() for n, v in same.items()
+                }
+    assert next(gathered, None) is None
 
 
 def test_a_constant_is_moved_by_little_of_itself_where_its_spread_is_wide():

@@ -3,15 +3,12 @@
 In: an answer. Out: sentences and rows.
 """
 
-from statistics import NormalDist
-
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Answer
+from wakedeploy.gap.search.artefacts import Answer, Size
 from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import listed, measured, minus, scale_of
 
 _MOST_TOLD = 12
-_INTERVAL_SD = NormalDist().inv_cdf(RULES.interval_quantile)  # of an interval to each side
 
 
 def moved_words(answer: Answer) -> list[str]:
@@ -47,12 +44,13 @@ def constant_rows(answer: Answer) -> list[tuple[str, str, str]]:
 def constant_words(answer: Answer) -> list[str]:
     """The constants in lines; of many the first, those that moved before the others.
 
-    Where nothing was named, only those that the logs tell otherwise than they are stated.
+    Where nothing was named, only those that the logs tell otherwise than as stated.
     """
     rows = sorted(constant_rows(answer), key=lambda row: row[0] not in answer.moved)
     is_quiet = answer.verdict == "none" and not answer.moved
     if is_quiet:
-        rows = [row for row in rows if row[0] in told_otherwise(answer)]
+        otherwise = told_otherwise(answer)
+        rows = [row for row in rows if row[0] in otherwise]
     if not rows:
         return []
     lines = [f"  {name}: stated {known}, fitted {fitted}" for name, known, fitted in rows]
@@ -61,18 +59,24 @@ def constant_words(answer: Answer) -> list[str]:
     rest = [f"  and {more} more, in the report"] if more else []
     beside = " beside it" if answer.effects else ""
     if is_quiet:
-        beside = ", where the logs contradict what is stated"
+        beside = ", where the logs know them better than is stated"
     return [f"Constants, as fitted{beside}:", *lines, *rest]
 
 
 def told_otherwise(answer: Answer) -> list[str]:
-    """Constants that are stated further from the fitted value than its error explains."""
-    return [
-        name
-        for name, size in answer.constants.items()
-        if abs(answer.stated[name] - size.value)
-        > RULES.bent_sd * (size.high - size.low) / (2.0 * _INTERVAL_SD)
-    ]
+    """Constants whose stated value is far outside the interval that the logs tell, and no trifle.
+
+    That is no contradiction: a wide spread says that nobody knows them well.
+    """
+    return [n for n, size in answer.constants.items() if _is_otherwise(answer.stated[n], size)]
+
+
+def _is_otherwise(stated: float, size: Size) -> bool:
+    """Whether it is twice as far as the end of the interval to its side; a bound cuts the other."""
+    away = abs(stated - size.value)
+    end = size.low if stated < size.value else size.high
+    least = RULES.constant_trifle * max(abs(stated), abs(size.value))
+    return away > max(RULES.constant_ends * abs(end - size.value), least)
 
 
 def _way(answer: Answer, name: str) -> str:

@@ -179,7 +179,7 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
     how_small = "How small an effect these logs would show, `gap power` says."
     if otherwise := [f"`{name}`" for name in told_otherwise(result)]:
         return (
-            f"State what was fitted for {listed(otherwise)}, which the logs contradict, and use "
+            f"State what was fitted for {listed(otherwise)}, which the logs know better, and use "
             f"the system. {how_small}"
         )
     return f"Use the system as it is. {how_small}"

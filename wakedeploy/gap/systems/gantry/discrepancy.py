@@ -32,10 +32,10 @@ _OVERLAP = 1.42  # sum of the squares of all bumps at any one place
 _ODD_SHARE = 0.7  # of an even bump's size: an axis that is off is an effect, a skew jet is not
 _FLOWN_WIDTHS = 3.0
 _FARTHEST = 3.8  # beyond it there is no air to correct
-# Of the force's share, for the air's speed at the ends of the rail, linear and curved. A round jet
-# that is 4 % of the force away from a calibrated model needs two of these sd. With a tenth, twice
-# as much of its force is left, and how it fades is found as an effect. A ground effect or a spring
-# is told from it by where and when there is no wake.
+# Of the force's share, by how much the air's speed may differ at the ends of the rail, linear and
+# curved: the force by twice as much. A round jet that is 4 % of the force away from a calibrated
+# model needs two of these sd. With a tenth, twice as much of its force is left, and how it fades is
+# found as an effect. A ground effect or a spring is told from it where there is no wake.
 _HEIGHT_SHARE = 0.3
 # Of the force on the axis: what errs in any case beside the turbulence, as a weight. Between two
 # range samples that is most of it; a weight of the turbulence alone leaves half of a shift in.

@@ -27,7 +27,7 @@ from wakedeploy.physics.series import IntArray
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _OWN_STATES = 6  # samples more that settle what effects may add; the same for every hypothesis
-_GATHERED = 64  # samples whose inputs are gathered at once
+_GATHERED = 64  # steps whose inputs are gathered at once
 _LOST = 1e12  # in its own unit: a state that far away has left the model
 
 
@@ -158,8 +158,9 @@ class Inputs:
 
     def along(self, at: IntArray, steps: int) -> Iterator[Driving]:
         """In every step of samples `at` (T, S), one after another: of all sets, (1, L)."""
-        for first in range(0, len(at), _GATHERED):
-            some = steps * at[first : first + _GATHERED, None, :] + np.arange(steps)[:, None]
+        samples = max(_GATHERED // steps, 1)
+        for first in range(0, len(at), samples):
+            some = steps * at[first : first + samples, None, :] + np.arange(steps)[:, None]
             step = some.reshape(-1, at.shape[1])
             mean = self._gathered(0, step)
             early = self._gathered(1, step) if self._is_bent else {}

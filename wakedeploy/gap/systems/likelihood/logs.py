@@ -30,9 +30,8 @@ from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.system import Point, System
 
 _TOGETHER = 15000  # samples times effects that are looked at in one run
-_LANES_AT_ONCE = (
-    300  # pieces times parameter sets that a filter's step takes about the time of one for
-)
+# Pieces times parameter sets up to which a step of the filter costs no more than twice that of one.
+_LANES_AT_ONCE = 300
 _SEARCHED = 24000  # samples times states that a search looks at
 _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
@@ -181,10 +180,7 @@ class LogModel(ComparisonDefaults):
         return list(zip(*each, strict=True))
 
     def sets_at_once(self, episodes: Sequence[int]) -> int:
-        """How many parameter sets take no more than twice the time of one.
-
-        A step of the filter costs about the same for any number of lanes up to that many.
-        """
+        """How many parameter sets take no more than twice the time of one."""
         if self.system.costs_by_point:
             return 1
         pieces = pieces_of([self.filter.blocks[e] for e in episodes], 0)
