@@ -54,7 +54,7 @@ FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
 _INTERVAL_SD = 1.645  # half of a 90 % interval
 _LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
-VERSION = 11  # of what is simulated; thresholds of another one are not used
+VERSION = 12  # of what is simulated; thresholds of another one are not used
 LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
