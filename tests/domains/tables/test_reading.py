@@ -459,17 +459,17 @@ def test_names_of_recordings_are_distinct(tmp_path: Path) -> None:
         ("version = 1\n[columns]\n", "columns: Dictionary should have at least 1 item"),
         (BASE + U.replace("input", "inputs"), "columns.u.role = 'inputs'"),
         (BASE + U + "colour = 3\n", "columns.u.colour is not known"),
-        (BASE + U + "untis = 3\n", "columns.u.untis is not known; write unit."),
+        (BASE + U + "untis = 3\n", "columns.u.untis is not known (unit?); known are column"),
         (
             BASE + "[training]\nwindows_s = 1\n" + U,
-            "training.windows_s is not known; write window_s.",
+            "training.windows_s is not known (window_s?); known are name",
         ),
         (BASE + "[split]\nx = 1\n" + U, "split.x is not known; known are gap_s, shortest_s."),
         (
             BASE + "[resample]\nrate_hz = 1\ncut = 1\n" + U,
             "resample.cut is not known; known are rate_hz, method, cutoff_hz.",
         ),
-        ("version = 1\n[tiem]\n" + U, "tiem is not known; write time."),
+        ("version = 1\n[tiem]\n" + U, "tiem is not known (time?); known are version"),
         (BASE + "rate_hz = 3\n" + U, "give either a column of stamps or a rate_hz, not both"),
         (BASE + "[resample]\nrate_hz = 10\ncutoff_hz = 1\n" + U, 'is of method = "low-pass"'),
         (

@@ -352,14 +352,15 @@ def parse_columns(text: str, name: str = "columns.toml") -> Columns:
 
 
 def _known_beside(error: pydantic.ValidationError) -> str:
-    """The entries that a table may have, for one that is not known; the nearest of many."""
+    """The entries that a table may have, for one that is not known; the nearest first."""
     problem = error.errors()[0]
     if problem["type"] != "extra_forbidden":
         return ""
     *tables, entry = map(str, problem["loc"])
     known = list(_table_at(tables).model_fields)
-    near = difflib.get_close_matches(entry.lower(), known, 1, 0.8)
-    return f"; write {near[0]}" if near else f"; known are {', '.join(known)}"
+    near = difflib.get_close_matches(entry.lower(), known, 1, 0.6)
+    meant = f" ({near[0]}?)" if near else ""
+    return f"{meant}; known are {', '.join(known)}"
 
 
 def _table_at(path: Sequence[str]) -> type[_Table]:
