@@ -211,7 +211,10 @@ def test_of_long_episodes_the_liveliest_stretch_is_shown(
 
 def test_each_force_has_its_panels(echo: EpisodeSet, tmp_path: Path) -> None:
     episodes = tuple(
-        dataclasses.replace(e, force=np.hstack([e.force, 0 * e.force])) for e in echo.episodes
+        dataclasses.replace(
+            e, force=np.hstack([e.force, (echo.split[e.name] == "train") * e.force])
+        )
+        for e in echo.episodes
     )
     force = (*echo.force, Channel("m_n_m", "N·m"))
     data = dataclasses.replace(echo, force=force, loss_weights=(1.0, 1.0), episodes=episodes)
@@ -219,7 +222,7 @@ def test_each_force_has_its_panels(echo: EpisodeSet, tmp_path: Path) -> None:
     axes = draw_prediction("mlp", run.config, run.predictor, data, run.metrics.test).axes
     assert len(axes) == 4
     assert axes[2].get_title(loc="left").startswith("m_n_m: RMSE")
-    assert "R²" not in axes[2].get_title(loc="left")  # a force that never changes has none
+    assert "R²" not in axes[2].get_title(loc="left")  # a force that never changes there has none
     assert axes[2].get_ylabel() == "[N·m]"
 
 
