@@ -77,7 +77,7 @@ def recordings_of(
     if not paths:
         raise UnusableInput("columns go with logs that are read from files; leave them out.")
     known = columns if isinstance(columns, Columns) else read_columns(Path(columns))
-    units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
+    units = {i.name: i.unit for i in system.logged} | {o.name: o.unit for o in system.outputs}
     reading = read_recordings(paths, known, units)
     for note in reading.notes:
         warn(note)

@@ -146,8 +146,13 @@ def test_a_name_that_says_another_unit_is_told() -> None:
 
 
 def test_an_input_that_is_never_near_zero_may_have_another_rest() -> None:
-    """As a servo's pulses do; of a command that crosses 0, or comes near it, nothing is said."""
-    told = _notes(1500.0, inputs=[Input("command_pct", "%", low=1000.0, high=2000.0)])
+    """As a servo's pulses do; of a command that crosses 0, or comes near it, nothing is said.
+
+    Nor of one at which no effect may act, as a battery's voltage.
+    """
+    pulses = {"inputs": [Input("command_pct", "%", low=1000.0, high=2000.0)]}
+    assert "never near 0" not in _notes(1500.0, **pulses)
+    told = _notes(1500.0, **pulses, ports=[Port.input("command_pct")])
     assert "input command_pct is never near 0: from 1500 to 1500 %" in told
     assert "by offset in [columns.command_pct] of columns.toml" in told
     for begins in (0.0, 0.6):

@@ -328,6 +328,7 @@ class Answer(Artefact):
         late: Inputs that come later than the outputs that they drive, and by how many seconds: two
             clocks, or a delay that the system has too much.
         late_by_a_row: Delays of one sample, of what may have been logged a row too early.
+        curved: Inputs that act by a curve, where what was named may stand for a lag behind that.
         noise: Sizes of the noise, by what it acts on.
         rounds: What each round of the search ranked.
         unsettled: Fits that did not reach their top.
@@ -351,6 +352,7 @@ class Answer(Artefact):
     moved: dict[str, Number] = {}
     late: dict[str, Number] = {}
     late_by_a_row: list[str] = []
+    curved: list[str] = []
     noise: dict[str, Quantity]
     rounds: list[Round]
     unsettled: list[str]

@@ -153,6 +153,10 @@ class Comparison(Model, Protocol):
         """Delays that may come from how rows were logged."""
         ...
 
+    def curved_inputs(self, named: Sequence[str]) -> list[str]:
+        """Inputs that act by a curve, where what is named may stand for a lag behind that."""
+        ...
+
 
 class ComparisonDefaults:
     """What a comparison says that knows nothing but its response and its noise."""
@@ -206,6 +210,10 @@ class ComparisonDefaults:
 
     def late_by_a_row(self, found: Fit) -> list[str]:
         """Rows are as they were measured."""
+        return []
+
+    def curved_inputs(self, named: Sequence[str]) -> list[str]:
+        """Effects act where a domain says."""
         return []
 
 

@@ -73,6 +73,7 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         moved=_moved(outcome.found),
         late=model.late_inputs(outcome.base, outcome.found),
         late_by_a_row=model.late_by_a_row(outcome.found),
+        curved=model.curved_inputs([*outcome.found.hypothesis, *outcome.rivals]),
         noise=_noise(outcome.found),
         rounds=outcome.rounds,
         unsettled=list(outcome.unsettled),

@@ -4,6 +4,7 @@ In: a `System`. Out: the same, if what it states fits together and its functions
 point; UnusableInput with one sentence else. A constant that may be on either side of 0 has bounds.
 """
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,6 +20,7 @@ from wakedeploy.gap.systems.system import Constant, FloatArray, Input, Output, P
 
 _System = TypeVar("_System", bound=System)
 Method = Callable[[Point, Point, Point], dict[str, Any]]
+Evaluate = Callable[[Mapping[str, FloatArray]], dict[str, Any]]
 
 HOLDS = ("step", "linear", "bandlimited")
 MOST_STEPS = 64
@@ -148,6 +150,7 @@ def _check_names(system: System) -> None:
                 f"{system.name}: input {i.name!r} has the delay_s {i.delay_s!r}; give seconds, of "
                 "0 or more."
             )
+        _check_law(system, i)
         if i.hold not in HOLDS:
             raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {HOLDS}.")
     for o in system.outputs:
@@ -168,6 +171,19 @@ def _check_names(system: System) -> None:
             raise UnusableInput(
                 f"{system.name}: process_noise or start_spread names {name!r}, which is no state."
             )
+
+
+def _check_law(system: System, stated: Input) -> None:
+    """Of an input that is computed: what it is made of has the hold and the limits."""
+    if stated.law is None:
+        return
+    where = f"{system.name}: the law of input {stated.name!r}"
+    if not callable(stated.law):
+        raise UnusableInput(f"{where} is {stated.law!r}; give a function of the logged inputs.")
+    if stated.hold != "step" or stated.low is not None or stated.high is not None:
+        raise UnusableInput(
+            f"{where} makes it of what is logged: state `hold`, `low` and `high` of that."
+        )
 
 
 def _check_units(system: System) -> None:
@@ -238,17 +254,12 @@ def _check_functions(system: System) -> None:
     shape = (3, 5)
     tried = _tried(system, shape)
     tried = {n: np.where(np.arange(15).reshape(shape) == 0, 0.0, v) for n, v in tried.items()}
+    for stated in system.inputs:
+        if stated.law is not None:
+            _check_made(system, stated, {i.name: tried[i.name] for i in system.logged})
     for method in (system.rates, system.readings):
-        many = _evaluated(system, method, tried, shape)
-        for index in ((0, 0), (1, 2), (2, 4)):
-            single = {n: np.asarray(v[index]) for n, v in tried.items()}
-            alone = _evaluated(system, method, single, ())
-            for name, value in alone.items():
-                if not np.allclose(value, many[name][index], rtol=1e-9, atol=1e-12):
-                    raise UnusableInput(
-                        f"{_method(system, method)} gives another {name!r} for one point than for "
-                        "the same point in an array; use numpy (np.where, not if) throughout."
-                    )
+        evaluate = functools.partial(_at, system, method, constants={})
+        _check_points(_method(system, method), evaluate, tried)
     state = Point("state", {n: tried[n] for n in system.states})
     inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
     if system.takes_forces and not system.has_step:
@@ -256,6 +267,34 @@ def _check_functions(system: System) -> None:
     for port in system.ports:
         if port.function is not None:
             _check_custom(system, port, state, inputs, shape)
+
+
+def _check_made(system: System, stated: Input, logged: dict[str, FloatArray]) -> None:
+    """What a law makes of logged inputs, and that it is made of any."""
+    where = f"{system.name}: the law of {stated.name!r}"
+
+    def evaluate(logged: Mapping[str, FloatArray]) -> dict[str, Any]:
+        return {stated.name: system.made(stated, logged)}
+
+    _check_points(where, evaluate, logged)
+    if not system.made_of[stated.name]:
+        raise UnusableInput(
+            f"{where} depends on no logged input; make it of one, or state a constant."
+        )
+
+
+def _check_points(where: str, evaluate: Evaluate, tried: dict[str, FloatArray]) -> None:
+    """Points (3, 5), and some of them alone: the same numbers."""
+    shape = next(iter(tried.values())).shape if tried else (3, 5)
+    many = _evaluated(where, evaluate, tried, shape)
+    for index in ((0, 0), (1, 2), (2, 4)):
+        single = {n: np.asarray(v[index]) for n, v in tried.items()}
+        for name, value in _evaluated(where, evaluate, single, ()).items():
+            if not np.allclose(value, many[name][index], rtol=1e-9, atol=1e-12):
+                raise UnusableInput(
+                    f"{where} gives another {name!r} for one point than for the same point in an "
+                    "array; use numpy (np.where, not if) throughout."
+                )
 
 
 def _check_forces(system: System, state: Point, inputs: Point) -> None:
@@ -303,28 +342,25 @@ def _check_custom(
 
 
 def _evaluated(
-    system: System,
-    method: Method,
-    tried: Mapping[str, FloatArray],
-    shape: tuple[int, ...],
+    where: str, evaluate: Evaluate, tried: Mapping[str, FloatArray], shape: tuple[int, ...]
 ) -> dict[str, FloatArray]:
     with np.errstate(all="ignore"):
-        returned = _at(system, method, tried, {})
+        returned = evaluate(tried)
     result = {}
     for name, value in returned.items():
         given = _shape(value)
         if given not in ((), shape):
             raise UnusableInput(
-                f"{_method(system, method)} gives {name!r} {_shape_in_words(given)} for states of "
-                f"shape {shape}; return one number a point."
+                f"{where} gives {name!r} {_shape_in_words(given)} for points of shape {shape}; "
+                "return one number a point."
             )
         result[name] = np.broadcast_to(np.asarray(value, dtype=float), shape)
         if not np.all(np.isfinite(result[name])):
             at = tuple(np.argwhere(~np.isfinite(result[name]))[0])
-            where = ", ".join(f"{n} = {tried[n][at]:.3g}" for n in tried)
+            point = ", ".join(f"{n} = {tried[n][at]:.3g}" for n in tried)
             raise UnusableInput(
-                f"{_method(system, method)} gives {result[name][at]} for {name!r} at {where}; a "
-                "filter tries such points, so bound what goes into it (np.maximum, np.clip)."
+                f"{where} gives {result[name][at]} for {name!r} at {point}; a search tries such "
+                "points, so bound what goes into it (np.maximum, np.clip)."
             )
     return result
 

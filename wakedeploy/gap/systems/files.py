@@ -77,7 +77,7 @@ def read_plain(path: Path, system: System) -> Recording:
         raise UnusableInput(
             f"{path}: time_s needs two rows or more, each a number of seconds; mend the file."
         )
-    for name in [*(i.name for i in system.inputs), *(o.name for o in system.outputs)]:
+    for name in [*(i.name for i in system.logged), *(o.name for o in system.outputs)]:
         if np.any(np.abs(columns.get(name, 0.0)) > _LARGEST):  # NaN is a reading that is missing
             raise UnusableInput(
                 f"{path}: column {name!r} has numbers beyond ±{_LARGEST:g}; mend the file."

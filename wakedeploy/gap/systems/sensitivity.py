@@ -98,10 +98,12 @@ def column_notes(model: LogModel) -> list[str]:
         )
     notes += _ranges(model)
     notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]
-    notes += own_wraps(model)
+    notes += [*own_wraps(model), *_curves(model.system)]
     for i, stated in enumerate(model.system.inputs):
         values = np.concatenate([log.inputs[i] for log in logs])
-        notes += [*_notes(f"input {stated.name}", values), *_off_zero(stated, values)]
+        notes += _notes(f"input {stated.name}", values)
+        if any(p.role == "input" and p.name == stated.name for p in model.system.ports):
+            notes += _off_zero(stated, values)
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
         notes += _notes(f"output {shown.name}", values)
@@ -111,6 +113,16 @@ def column_notes(model: LogModel) -> list[str]:
     names = [output.name for output in model.system.outputs]
     columns = np.concatenate([log.outputs for log in logs], axis=1)
     return notes + _own_notes(model.system, dict(zip(names, columns, strict=True)))
+
+
+def _curves(system: System) -> list[str]:
+    """Inputs that act by a curve: behind that stands no port."""
+    return [
+        f"input {name}: the rate of {state} goes with a curve of it. What lags, is late or limited "
+        "behind that curve, as a motor is behind the square of its command, has no port: state the "
+        "curve as an input of its own, Input(…, law=…)."
+        for name, state in system.curved.items()
+    ]
 
 
 def _own_notes(system: System, outputs: dict[str, FloatArray]) -> list[str]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.systems.correction import Correction
 
 FloatArray = npt.NDArray[np.float64]
+Law = Callable[["Point"], Any]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
 
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
@@ -32,7 +33,7 @@ _FARTHEST = 1e3  # how many times its value a constant without bounds may become
 
 @dataclass(frozen=True)
 class Input:
-    """A logged column that drives the system.
+    """A logged column that drives the system, or what a law makes of such columns.
 
     `hold` says what the input does between two samples: "step" keeps the older one, as a digital
     controller does; "linear" goes straight to the next, as a sampled signal does;
@@ -43,6 +44,11 @@ class Input:
     logged mean. `delay_s` is by how much later than its row it acts, as far as that is known; until
     then a log's first value does. A name or a unit that is not known, limits in the wrong order and
     a delay below 0 raise UnusableInput when the system is loaded.
+
+    `law(inputs)` computes the input, in `unit`, from the logged ones, (T,) each: a thrust that goes
+    with the square of a pulse. It is no column of a log then. What acts behind the law, as the lag
+    of a motor, acts at its port. It has neither a hold nor limits of its own: those are stated of
+    what is logged. A law that fails, or gives no numbers, raises UnusableInput by its name.
     """
 
     name: str
@@ -52,6 +58,7 @@ class Input:
     high: float | None = None
     is_commanded: bool = True
     delay_s: float = 0.0
+    law: Law | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -279,7 +286,7 @@ class System:
 
     def __repr__(self) -> str:
         """Its name and what goes in and out."""
-        inputs, outputs = (", ".join(x.name for x in some) for some in (self.inputs, self.outputs))
+        inputs, outputs = (", ".join(x.name for x in some) for some in (self.logged, self.outputs))
         return f"{self.name}({inputs} -> {outputs}; {len(self.states)} states)"
 
     def simulate(self, recording: Recording) -> dict[str, FloatArray]:
@@ -302,7 +309,38 @@ class System:
     @property
     def unheard(self) -> int:
         """Samples of a log in which an input acts that came before it, and that nobody knows."""
-        return math.ceil(self.rate_hz * max((i.delay_s for i in self.inputs), default=0.0) - 1e-9)
+        logged_s = max((i.delay_s for i in self.logged), default=0.0)
+        behind_s = max((i.delay_s for i in self.inputs if i.law), default=0.0)
+        return math.ceil(self.rate_hz * (logged_s + behind_s) - 1e-9)
+
+    @property
+    def logged(self) -> tuple[Input, ...]:
+        """The inputs that are columns of a log."""
+        return tuple(i for i in self.inputs if i.law is None)
+
+    @functools.cached_property
+    def made_of(self) -> dict[str, tuple[str, ...]]:
+        """The logged inputs that each input with a law depends on."""
+        logged, found = self._logged_of(self._probed()[0]), {}
+        for stated in (i for i in self.inputs if i.law):
+            usual = self.made(stated, logged)
+            found[stated.name] = tuple(
+                name
+                for name, values in logged.items()
+                if not np.array_equal(self.made(stated, logged | {name: values + 0.5}), usual)
+            )
+        return found
+
+    def _logged_of(self, tried: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        return {i.name: tried[i.name] for i in self.logged}
+
+    def made(self, stated: Input, logged: Mapping[str, FloatArray]) -> FloatArray:
+        """What the law of an input makes of logged ones, of their shape."""
+        where, law = f"{self.name}: the law of {stated.name!r}", stated.law
+        assert law is not None
+        with np.errstate(all="ignore"):
+            given = called(where, lambda p: {stated.name: law(p)}, Point("input", logged))
+        return np.asarray(given[stated.name], dtype=float)
 
     def log_notes(self, outputs: Mapping[str, FloatArray]) -> list[str]:
         """Sentences for `gap check` about what logs show of this system; none unless overridden.
@@ -390,9 +428,26 @@ class System:
     def drivers(self, state: str) -> set[str]:
         """The inputs and states on which a state's derivative depends."""
         tried, rates = self._probed()
-        return {
+        found = {
             name for name in tried if not np.array_equal(self._probed(name)[1][state], rates[state])
         }
+        return found.union(*(self.made_of[name] for name in found & {*self.made_of}))
+
+    @functools.cached_property
+    def curved(self) -> dict[str, str]:
+        """States whose rates go with a curve of a logged input, by that input.
+
+        A limit is none: but for its corners it is straight.
+        """
+        _, here = self._probed()
+        found: dict[str, str] = {}
+        for stated in self.logged:
+            once, twice = (self._probed(stated.name, by=by)[1] for by in (0.01, 0.02))
+            for name in self.states:
+                first, second = once[name] - here[name], twice[name] - once[name]
+                if np.mean(np.abs(second - first) > 1e-6 * np.abs(first)) > 0.5:
+                    found.setdefault(stated.name, name)
+        return found
 
     @functools.cached_property
     def direct_outputs(self) -> set[str]:
@@ -416,6 +471,8 @@ class System:
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         each: list[tuple[str, Mapping[str, Any]]]
         each = [("measure", self._shown(tried))]
+        logged = self._logged_of(tried)
+        each += [("law", {i.name: self.made(i, logged)}) for i in self.inputs if i.law]
         each += [
             (p.name, self.added(p, p.increments, 0.0, state, inputs, 1.0))
             for p in self.ports
@@ -427,7 +484,7 @@ class System:
         return found
 
     def _probed(
-        self, moved: str = "", far: bool = False
+        self, moved: str = "", far: bool = False, by: float = 0.5
     ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Random states and inputs, and the derivatives there; one of them moved away.
 
@@ -439,7 +496,7 @@ class System:
         tried = {n: rng.uniform(low, high, 20) for n in names}
         constants = {c.name: 1.1 * c.value + 0.01 for c in self.constants} if far else {}
         if moved:
-            tried[moved] = tried[moved] + 0.5
+            tried[moved] = tried[moved] + by
         state = Point("state", {n: tried[n] for n in self.states})
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         with np.errstate(all="ignore"):

@@ -85,6 +85,12 @@ def remarks(answer: Answer) -> list[str]:
         "missing there, and the output's column wants shift_s of minus a sample."
         for name in answer.late_by_a_row
     ]
+    far += [
+        f"{name} acts by a curve. What lags behind that curve, as a motor behind the square of its "
+        "command, has no port, and what is named may stand for it: state the curve as an input of "
+        "its own, Input(…, law=…), and ask again."
+        for name in answer.curved
+    ]
     return [*far, *_unsettled(answer), *_unexplained(answer), *_rejected(answer)]
 
 

@@ -23,6 +23,7 @@ class InputKind(Kind):
     """Acts on a column of the log."""
 
     by_sample: ClassVar[bool] = False  # whether it acts on samples, and not on parts of them
+    passes_laws: ClassVar[bool] = False  # whether it does the same before a law and behind it
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """What reaches the system, (n,), of what was logged, (n,)."""
@@ -54,6 +55,7 @@ class DeadTime(InputKind):
 
     name = "dead-time"
     is_delay = True
+    passes_laws = True
     phrase = "a delay before {port} acts"
     equation = "u(t − delay)"
     source = _LJUNG
@@ -92,6 +94,7 @@ class Lag(InputKind):
     """The input follows its command with one time constant."""
 
     name = "lag"
+    is_slow = True
     phrase = "a lag with which {port} follows its command"
     equation = "tau u' + u = command"
     source = _LJUNG
@@ -127,6 +130,7 @@ class SecondOrderLag(InputKind):
     """
 
     name = "second-order-lag"
+    is_slow = True
     simpler = ("lag", "dead-time")
     phrase = "a lag of second order with which {port} follows its command"
     equation = "tau² u'' + 2 damping tau u' + u = command"
@@ -187,6 +191,7 @@ class RateLimit(InputKind):
     """The input changes no faster than a limit."""
 
     name = "rate-limit"
+    is_slow = True
     phrase = "a limit to how fast {port} changes"
     equation = "|u'| ≤ rate = 1/slowness"
     source = "Khalil, Nonlinear Systems, 2002"
@@ -205,6 +210,7 @@ class Hold(InputKind):
 
     name = "sample-and-hold"
     by_sample = True
+    passes_laws = True
     phrase = "a hold that renews {port} only once a period"
     equation = "u(t) = command(period ⌊t/period⌋)"
     source = "Åström and Wittenmark, Computer-Controlled Systems, 1997"

@@ -103,6 +103,7 @@ class Kind:
     is_friction_law: ClassVar[bool] = False
     is_delay: ClassVar[bool] = False
     is_gain: ClassVar[bool] = False
+    is_slow: ClassVar[bool] = False  # what it acts on takes time to follow
     # Of a port: "position", "height", "inertia", "angle", "moving" where its state is the speed of
     # its position, "level" where it is not. Of the logs: "turning" is a sign that changes, "still"
     # one that does or that comes near 0, "cut above" and "cut below" that several readings are the

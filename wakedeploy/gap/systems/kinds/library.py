@@ -157,7 +157,18 @@ def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, flo
         there[f"cut {what}"] = sizes.get(f"readings at {end} {port.name}", _CUT) >= _CUT
     if port.role == "constant" and kind.name == "scale":  # one that is free already has any size
         return system.constant(port.name).spread != float("inf")
+    if isinstance(kind, inputs.InputKind) and kind.passes_laws and _acts_before(system, port, kind):
+        return False
     return all(there[need] for need in kind.needs)
+
+
+def _acts_before(system: System, port: Port, kind: Kind) -> bool:
+    """Whether a kind is offered at the only logged input that a port's own input is made of."""
+    sources = system.made_of.get(port.name, ())
+    return len(sources) == 1 and any(
+        p.role == "input" and p.name == sources[0] and (not p.kinds or kind.name in p.kinds)
+        for p in system.ports
+    )
 
 
 def _moves(system: System, port: Port) -> bool:

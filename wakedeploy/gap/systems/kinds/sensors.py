@@ -175,6 +175,7 @@ class SensorLag(OutputKind):
     """The sensor follows with a time constant."""
 
     name = "sensor-lag"
+    is_slow = True
     phrase = "a lag of the sensor of {port}"
     equation = "tau y' + y = value"
     source = _SENSORS
@@ -215,6 +216,7 @@ class SensorDeadTime(OutputKind):
     """The sensor shows what was; to first order in the delay, as Padé has it."""
 
     name = "sensor-dead-time"
+    is_slow = True
     is_delay = True
     phrase = "a delay of the sensor of {port}"
     equation = "y(t − delay)"

@@ -14,8 +14,8 @@ from wakedeploy.gap.systems.kinds.forces import AT_ONCE, At, DryFriction, ForceK
 from wakedeploy.gap.systems.kinds.inputs import InputKind, Saturation, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind, SensorSaturation
-from wakedeploy.gap.systems.likelihood.blocks import parts_in_step
-from wakedeploy.gap.systems.system import Point, Port, System
+from wakedeploy.gap.systems.likelihood.blocks import made, parts_in_step
+from wakedeploy.gap.systems.system import Input, Point, Port, System
 from wakedeploy.physics.kalman import bumped
 
 Arrays = Mapping[str, Any]
@@ -62,12 +62,13 @@ class Acting:
         ports = dict.fromkeys([*self._known, *(e.port.name for e in self._dry)])
         self.dry = [self.states.index(name) for name in ports]  # speeds that it acts on
         self._constants = {c.name: c.value for c in system.constants}
+        self._inputs = {i.name: (place, i) for place, i in enumerate(system.inputs)}
         self._outputs = [o.name for o in system.outputs]
         late = {e.port.name for e in self._of["output"] if e.own_states}
         self.is_late = bool(late and late & system.direct_outputs)
 
     def column(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
-        """What of an input (n · parts,) reaches the system in every step, under scalar values.
+        """What of one of the inputs (i, n · parts) reaches the system in every step, under scalars.
 
         (2, n): its mean over each step, and how much more of it comes early in the step than late,
         the integral of (1/2 - s) u over the share s of the step. What comes early acts for longer.
@@ -79,8 +80,14 @@ class Acting:
 
     def parts(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
         """The same in the parts of each step, (n, parts): effects act between the samples, too."""
+        return self._affected(name, driving, values).reshape(-1, parts_in_step(self.system))
+
+    def _affected(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
+        """An input (n · parts,) behind all that acts on it, what acts before its law, too."""
         count = parts_in_step(self.system)
-        column, step_s, in_sample = driving, self.system.step_s / count, count * self.system.steps
+        step_s, in_sample = self.system.step_s / count, count * self.system.steps
+        place, stated = self._inputs[name]
+        column = driving[place] if stated.law is None else self._made(stated, driving, values)
         for effect in self._of["input"]:
             if effect.port.name == name:
                 kind = effect.kind
@@ -92,14 +99,21 @@ class Acting:
                     column = np.repeat(held, in_sample)
                 else:
                     column = kind.filtered(column, p, step_s)
-        late = shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
-        return late.reshape(-1, count)
+        return shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
+
+    def _made(self, stated: Input, driving: FloatArray, values: Arrays) -> FloatArray:
+        """What a law makes of logged inputs as they are by then."""
+        logged = {i.name: self._affected(i.name, driving, values) for i in self.system.logged}
+        return made(self.system, stated, logged)
 
     def depends(self, name: str) -> tuple[str, ...]:
         """The parameters that change an input's column."""
         acting = (e for e in self._of["input"] if e.port.name == name)
-        parameters = (f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
-        return (f"clock.{name}", *parameters)
+        parameters = tuple(f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
+        if self._inputs[name][1].law is None:
+            return (f"clock.{name}", *parameters)
+        before = (n for source in self.system.made_of[name] for n in self.depends(source))
+        return (*before, *parameters)
 
     def formed(self, values: Arrays) -> dict[str, FloatArray]:
         """Sizes (B, L) of the bumps of each model-form term, of values (1, L) by name."""

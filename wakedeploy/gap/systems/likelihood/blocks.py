@@ -7,7 +7,7 @@ first samples are not scored.
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,13 +92,18 @@ def _log(system: System, recording: Recording) -> Log:
             f"did not last {lasts_s:.4g} s, the time's unit is wrong."
         )
     n = len(recording.time_s) // every
-    logged = [_input(recording, i)[: n * every] for i in system.inputs]
+    logged = {i: _input(recording, i)[: n * every] for i in system.logged}
+    driving = driving_of(
+        system, {i.name: _driving(system, i, row, every) for i, row in logged.items()}
+    )
+    _check_laws(system, recording, driving)
+    means = {
+        i.name: shifted(row, i.delay_s * recording.rate_hz).reshape(n, every).mean(1)
+        for i, row in logged.items()
+    }
     inputs = [
-        shifted(row, stated.delay_s * recording.rate_hz).reshape(n, every).mean(1)
-        for stated, row in zip(system.inputs, logged, strict=True)
-    ]
-    driving = [
-        _driving(system, i, row, every) for i, row in zip(system.inputs, logged, strict=True)
+        means.get(i.name, row.reshape(n, -1).mean(1))
+        for i, row in zip(system.inputs, driving, strict=True)
     ]
     outputs = [_readings(_column(recording, o.name)[: n * every], every) for o in system.outputs]
     for output, values in zip(system.outputs, outputs, strict=True):
@@ -110,7 +115,7 @@ def _log(system: System, recording: Recording) -> Log:
         recording.name,
         np.array(inputs).reshape(len(inputs), n),
         np.array(outputs),
-        np.array(driving).reshape(len(inputs), n * system.steps * parts_in_step(system)),
+        driving.reshape(len(inputs), n * system.steps * parts_in_step(system)),
         every,
     )
 
@@ -137,6 +142,35 @@ def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> Flo
     finer = parts // math.gcd(parts, every)
     means = between(rows, stated.hold, finer).reshape(-1, finer * every // parts).mean(1)
     return shifted(means, stated.delay_s * system.rate_hz * parts)
+
+
+def driving_of(system: System, logged: Mapping[str, FloatArray]) -> FloatArray:
+    """All inputs (i, N), of the logged ones (N,) by name in each part of the model's steps."""
+    rows = [logged[i.name] if i.law is None else made(system, i, logged) for i in system.inputs]
+    return np.array(rows)
+
+
+def made(system: System, stated: Input, logged: Mapping[str, FloatArray]) -> FloatArray:
+    """What a law makes of the logged inputs (N,) in each part of the model's steps."""
+    return shifted(
+        system.made(stated, logged), stated.delay_s / system.step_s * parts_in_step(system)
+    )
+
+
+def _check_laws(system: System, recording: Recording, driving: FloatArray) -> None:
+    """Whether laws give numbers all along a recording."""
+    for stated, row in zip(system.inputs, driving, strict=True):
+        if not np.all(np.isfinite(row)):
+            place = int(np.argmin(np.isfinite(row)))
+            of = ", ".join(
+                f"{i.name} = {driving[k, place]:.4g}"
+                for k, i in enumerate(system.inputs)
+                if i.name in system.made_of[stated.name]
+            )
+            raise UnusableInput(
+                f"{recording.name}: the law of {stated.name!r} gives {row[place]} at {of}; bound "
+                "what goes into it (np.maximum, np.clip)."
+            )
 
 
 def _column(recording: Recording, name: str) -> FloatArray:

@@ -35,6 +35,8 @@ def late_inputs(model: "LogModel", base: Fit, found: Fit | None = None) -> dict[
     """
     late = {}
     for i, stated in enumerate(model.system.inputs):
+        if stated.law is not None:
+            continue
         samples = _late_by(model, base, i)
         if samples and found is not None and found.hypothesis:
             earlier = _refitted(model, base, i, samples)

@@ -392,7 +392,7 @@ class Filter:
         parts = acting.system.steps * parts_in_step(acting.system)
         ends = parts * self._offset
         columns = {}
-        for i, stated in enumerate(acting.system.inputs):
+        for stated in acting.system.inputs:
             names = [n for n in acting.depends(stated.name) if n in values]
             known: dict[tuple[float, ...], FloatArray] = {}
             rows = []
@@ -401,7 +401,7 @@ class Filter:
                 if key not in known:
                     parameters = dict(zip(names, key, strict=True))
                     known[key] = np.concatenate([
-                        acting.column(stated.name, self._driving[i, a:b], parameters)
+                        acting.column(stated.name, self._driving[:, a:b], parameters)
                         for a, b in itertools.pairwise(ends)
                     ], axis=1)  # fmt: skip
                 rows.append(known[key])

@@ -248,6 +248,17 @@ class LogModel(ComparisonDefaults):
         """Delays of one sample, of a system that shows an input directly."""
         return late_by_a_row(self, found)
 
+    def curved_inputs(self, named: Sequence[str]) -> list[str]:
+        """Inputs that act by a curve, where an effect says that they or an output are slow.
+
+        What lags behind a curve has no port, and the effect may stand for it.
+        """
+        slow = [self.library[n].port for n in named if self.library[n].kind.is_slow]
+        outputs = {o.name for o in self.system.outputs}
+        return [
+            name for name in self.system.curved if any(p.name in {name, *outputs} for p in slow)
+        ]
+
     def with_effects(self, effects: Mapping[str, Effect]) -> "LogModel":
         """The same system that may lack these as well."""
         wider = copy.copy(self)
@@ -363,7 +374,7 @@ class LogModel(ComparisonDefaults):
         half = 0.5 * self.dt_s
         return [
             Free(f"clock.{i.name}", "s", 0.0, half / 3.0**0.5, -half, half, 0.02 * self.dt_s)
-            for i in self.system.inputs
+            for i in self.system.logged
         ]
 
     def _constants(self) -> list[Free]:

@@ -15,8 +15,9 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.systems.kinds.inputs import shifted
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.between_samples import between
-from wakedeploy.gap.systems.likelihood.blocks import parts_in_step
+from wakedeploy.gap.systems.likelihood.blocks import driving_of, parts_in_step
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.system import Input
 from wakedeploy.physics.friction import rubbed
 
 _FINE = 4  # steps of one of the model's
@@ -26,7 +27,7 @@ _LOST = 1e9  # a state this far away has run off
 def imagined(
     model: LogModel, fitted: Fit, columns: Mapping[str, FloatArray], seed: int = 0
 ) -> dict[str, FloatArray]:
-    """Outputs (L, n) by name along inputs (L, n) by name; NaN from where a system has run off.
+    """Outputs (L, n) by name along logged inputs (L, n) by name; NaN from where it has run off.
 
     Each of the L logs starts where the first real one did, at rest. Pushes on rates and noise of
     sensors are drawn anew, alike in all.
@@ -34,16 +35,24 @@ def imagined(
     acting = model.acting(fitted.hypothesis)
     values = model.values(fitted.hypothesis, fitted.theta)
     random = np.random.default_rng(seed)
-    steps, stated = model.system.steps, {i.name: i for i in model.system.inputs}
+    steps = model.system.steps
     finely = steps * parts_in_step(model.system)
 
-    def acted(name: str, row: FloatArray) -> FloatArray:
-        parts = between(row, stated[name].hold, finely)
-        later = shifted(parts, stated[name].delay_s / model.dt_s * finely)
-        return _finely(acting.parts(name, later, values))
+    def later(stated: Input, row: FloatArray) -> FloatArray:
+        parts = between(row, stated.hold, finely)
+        return shifted(parts, stated.delay_s / model.dt_s * finely)
 
-    driven = {n: np.array([acted(n, row) for row in rows]) for n, rows in columns.items()}
     lanes, count = next(iter(columns.values())).shape
+    driving = [
+        driving_of(
+            model.system, {i.name: later(i, columns[i.name][k]) for i in model.system.logged}
+        )
+        for k in range(lanes)
+    ]
+    driven = {
+        i.name: np.array([_finely(acting.parts(i.name, rows, values)) for rows in driving])
+        for i in model.system.inputs
+    }
     pushes = _pushes(model, acting, values, count, random)
     noise = np.array([np.exp(values[f"noise.{o.name}"]) for o in model.system.outputs])
     first = np.zeros(len(acting.states))

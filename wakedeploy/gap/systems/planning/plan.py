@@ -129,7 +129,7 @@ def _same_delay(model: LogModel, pair: Pair) -> bool:
     system = model.system
     ends = {f"dead-time@{i.name}" for i in system.inputs}
     ends |= {f"sensor-dead-time@{o.name}" for o in system.outputs}
-    return len(system.inputs) == len(system.outputs) == 1 and set(pair) == ends
+    return len(system.logged) == len(system.outputs) == 1 and set(pair) == ends
 
 
 def _least(losses: Losses, alike: Sequence[Pair]) -> float:
@@ -151,7 +151,7 @@ def require_names(model: LogModel, names: Sequence[str]) -> None:
 
 def commanded(model: LogModel) -> tuple[str, ...]:
     """The inputs that a person can choose."""
-    return tuple(i.name for i in model.system.inputs if i.is_commanded)
+    return tuple(i.name for i in model.system.logged if i.is_commanded)
 
 
 def _candidates(model: LogModel) -> Iterator[tuple[Excitation, tuple[str, ...]]]:
@@ -168,7 +168,7 @@ def _imagined(model: LogModel, base: Fit, samples: int) -> list[Option]:
     """
     tried = list(itertools.product(_candidates(model), _SHARES))
     each = [_columns(model, *candidate, share, samples) for candidate, share in tried]
-    columns = {i.name: np.array([driven[i.name] for driven in each]) for i in model.system.inputs}
+    columns = {i.name: np.array([driven[i.name] for driven in each]) for i in model.system.logged}
     shown = imagined(model, base, columns)
     longest: dict[tuple[str, tuple[str, ...]], Option] = {}
     for k, ((excitation, moved), share) in enumerate(tried):
@@ -187,6 +187,8 @@ def _columns(
     """Inputs (n,) by name; what is not moved stays at its logged mean, or at its middle."""
     columns = {}
     for i, stated in enumerate(model.system.inputs):
+        if stated.law is not None:
+            continue
         logged = np.concatenate([log.inputs[i] for log in model.logs])
         low = float(logged.min()) if stated.low is None else stated.low
         high = float(logged.max()) if stated.high is None else stated.high
