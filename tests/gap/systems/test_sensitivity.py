@@ -159,6 +159,23 @@ def test_an_input_that_is_never_near_zero_may_have_another_rest() -> None:
         assert "never near 0" not in _notes(begins)
 
 
+@pytest.mark.parametrize(("begins_s", "lasts_s", "at", "said"), [
+    (2.0, 1.5, 0.3, True),
+    (2.0, 0.1, 0.3, False),
+    (2.0, 1.5, 0.0, False),
+    (0.0, 1.5, 0.3, False),  # before its first command
+])  # fmt: skip
+def test_a_command_that_stands_still_amidst_the_others_is_told(begins_s, lasts_s, at, said) -> None:
+    log = _swung(0.4)
+    columns = {name: np.array(values) for name, values in log.columns.items()}
+    time_s = log.time_s - log.time_s[0]
+    columns["command_pct"][(time_s >= begins_s) & (time_s < begins_s + lasts_s)] = at
+    notes = "\n".join(column_notes(LogModel(_valve(), [Recording("swung", log.time_s, columns)])))
+    told = "input command_pct stands at 0.3 in swung for 1.5 s from 2 s on, and seldom for more"
+    assert (told in notes) == said
+    assert ("stands at" in notes) == said
+
+
 def test_constants_that_no_fit_moves_are_listed_and_those_that_keep_their_sign() -> None:
     told = _notes(0.0)
     assert "taken as exact, for want of a spread: valve_s." in told

@@ -35,6 +35,7 @@ _OUTSIDE = 0.5  # of the width of its limits: so far beyond them an input has an
 _MOVING = 0.05  # of its usual rate, from which a state is not at rest
 _MANY_TURNS = 3.0  # that an output's range may have before degrees are thought of
 _FEWEST_STUCK = 3  # samples at a column's end
+_FEWEST_RUNS, _USUAL_RUN, _FROZEN = 20, 0.9, 20.0  # of equal samples; a quantile, and times that
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
 
 
@@ -104,6 +105,8 @@ def column_notes(model: LogModel) -> list[str]:
         notes += _notes(f"input {stated.name}", values)
         if any(p.role == "input" and p.name == stated.name for p in model.system.ports):
             notes += _off_zero(stated, values)
+        for log in logs if stated.law is None else ():
+            notes += _frozen(stated, log.name, log.inputs[i], model.dt_s)
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
         notes += _notes(f"output {shown.name}", values)
@@ -306,6 +309,27 @@ def _off_zero(stated: Input, values: FloatArray) -> list[str]:
         f"{minus(f'{most:.4g}')}{_behind(stated.unit)}. A dead band, an asymmetry, a gain and a "
         "saturation are about 0; if the value at rest is another, take it off: by offset in "
         f"[columns.{stated.name}] of columns.toml, in your functions and in the limits of `Input`."
+    ]
+
+
+def _frozen(stated: Input, log: str, values: FloatArray, dt_s: float) -> list[str]:
+    """An input that stands still in the midst of a log for much longer than it does elsewhere.
+
+    At 0 it may be at rest, as it may before the first command and behind the last.
+    """
+    begins = np.flatnonzero(np.diff(values)) + 1
+    lasts = np.diff(begins)
+    if len(lasts) < _FEWEST_RUNS:
+        return []
+    longest = int(np.argmax(lasts))
+    usual = float(np.quantile(lasts, _USUAL_RUN))
+    value = float(values[begins[longest]])
+    if value == 0.0 or lasts[longest] < _FROZEN * usual:
+        return []
+    return [
+        f"input {stated.name} stands at {minus(f'{value:.4g}')}{_behind(stated.unit)} in {log} for "
+        f"{dt_s * lasts[longest]:.3g} s from {dt_s * begins[longest]:.4g} s on, and seldom for more "
+        f"than {dt_s * usual:.2g} s elsewhere. If it was not logged there, leave that part out."
     ]
 
 

@@ -212,9 +212,7 @@ def test_a_limit_to_a_command_is_the_same_in_every_log():
     largest = np.abs(large.columns["command"]).max()
     assert (limit.neutral, limit.high) == pytest.approx((largest, largest))
     acting = model.acting((name,))
-    cut = [
-        acting.column("command", log.driving, {f"{name}.limit": 0.3})[0] for log in model.logs
-    ]
+    cut = [acting.column("command", log.driving, {f"{name}.limit": 0.3})[0] for log in model.logs]
     for row, log in zip(cut, (large, weak), strict=True):
         assert row == pytest.approx(np.clip(log.columns["command"], -0.3, 0.3))
 

@@ -109,7 +109,7 @@ def _of(
     gains = 0.5 * (rows**2).sum(1)
     detected = _crossing(sizes, gains, surely_nats(threshold + len(free)))
     closest = losses.min(1) if rivals else np.full(len(rows), math.inf)
-    named = _crossing(sizes, closest, surely_nats(RULES.class_nats))
+    named = max(detected, _crossing(sizes, closest, surely_nats(RULES.class_nats)))
     at = int(np.searchsorted(sizes, named if math.isfinite(named) else sizes[-1]))
     rival = rivals[int(losses[min(at, len(rows) - 1)].argmin())] if rivals else ""
     matters = sizes[0] * _mattering(responses, name, first)
