@@ -8,7 +8,7 @@ import torch
 
 from trainers.architecture import Architecture
 from trainers.bounds import check_hyper
-from trainers.memory import Memory, Sizes
+from trainers.memory import Sizes
 from trainers.model import WakeModel
 from wakedeploy.core.discovery import ARCHITECTURE, offers
 from wakedeploy.core.episodes import window_shape
@@ -72,7 +72,7 @@ def hyper_parameters(arch: str, overrides: Mapping[str, Any]) -> Any:
     return dataclasses.replace(defaults, **overrides)
 
 
-def trainable_weights(
+def unfilled(
     arch: str,
     *,
     inputs: int,
@@ -80,30 +80,13 @@ def trainable_weights(
     window_s: float,
     rate_hz: float,
     hyper: Mapping[str, Any] | None = None,
-) -> int:
-    """How many weights training would change, counted before any memory is taken for them.
+) -> WakeModel:
+    """A core whose weights have shapes and no values: what it would train, and remember.
 
-    Raises UnusableInput for what `build` refuses, but for the budget.
+    No memory is taken for it. Raises UnusableInput for what `build` refuses, but for the budget.
     """
     sizes = _sizes(inputs, outputs, window_s, rate_hz)
-    return _count(arch, sizes, hyper_parameters(arch, hyper or {}))
-
-
-def memory_of(
-    arch: str,
-    *,
-    inputs: int,
-    outputs: int,
-    window_s: float,
-    rate_hz: float,
-    hyper: Mapping[str, Any] | None = None,
-) -> Memory:
-    """What a core would remember, told before any memory is taken for its weights.
-
-    Raises UnusableInput for what `build` refuses, but for the budget.
-    """
-    sizes = _sizes(inputs, outputs, window_s, rate_hz)
-    return _unfilled(arch, sizes, hyper_parameters(arch, hyper or {})).memory
+    return _unfilled(arch, sizes, hyper_parameters(arch, hyper or {}))
 
 
 def _sizes(inputs: int, outputs: int, window_s: float, rate_hz: float) -> Sizes:
@@ -111,18 +94,13 @@ def _sizes(inputs: int, outputs: int, window_s: float, rate_hz: float) -> Sizes:
     return Sizes(inputs, outputs, k, stride, rate_hz)
 
 
-def _count(arch: str, sizes: Sizes, values: Any) -> int:
-    return _unfilled(arch, sizes, values).trainable
-
-
 def _unfilled(arch: str, sizes: Sizes, values: Any) -> WakeModel:
-    """A core whose weights have shapes and no values."""
     with torch.device("meta"), torch.random.fork_rng(devices=[]):
         return ARCHITECTURES[arch].core(sizes, values)
 
 
 def _check_budget(arch: str, sizes: Sizes, values: Any) -> None:
-    trainable = _count(arch, sizes, values)
+    trainable = _unfilled(arch, sizes, values).trainable
     if trainable >= PARAMETER_BUDGET:
         raise UnusableInput(
             f"{arch} would have {trainable:,} trainable parameters, and the budget is fewer"

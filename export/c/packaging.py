@@ -63,7 +63,7 @@ def require_free(folder: Path) -> None:
     """UnusableInput where a file or a folder is in the way."""
     if folder.exists() or folder.is_symlink():
         raise UnusableInput(
-            f"{folder}: is there already; name another folder for --c, or remove that one."
+            f"{folder}: is there already; name another folder for the C, or remove that one."
         )
 
 

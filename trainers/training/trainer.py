@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from trainers.bounds import check_settings
-from trainers.build import ARCHITECTURES, hyper_parameters, memory_of
+from trainers.build import ARCHITECTURES, hyper_parameters, unfilled
 from trainers.model import Predictor, SolvedModel
 from trainers.training.device import choose_device
 from trainers.training.fit import Fit, FitSettings, Standing
@@ -257,8 +257,8 @@ def _tapes_of(config: RunConfig, data: EpisodeSet) -> tuple[Tape, Tape]:
 def _warm_up_steps(data: EpisodeSet, arch: str, hyper: Mapping[str, Any]) -> int:
     """The set's warm-up, or a longer one where the model's window is full later."""
     sizes = {"inputs": len(data.observation), "outputs": len(data.force)}
-    memory = memory_of(arch, **sizes, window_s=data.window_s, rate_hz=data.rate_hz, hyper=hyper)
-    return max(data.warm_up_steps, memory.reach)
+    core = unfilled(arch, **sizes, window_s=data.window_s, rate_hz=data.rate_hz, hyper=hyper)
+    return max(data.warm_up_steps, core.memory.reach)
 
 
 def _observed(data: EpisodeSet) -> tuple[ObservationChannel, ...]:

@@ -12,7 +12,7 @@ import optuna
 import torch
 from numpy.typing import NDArray
 
-from trainers.build import trainable_weights
+from trainers.build import unfilled
 from trainers.model import Predictor, SolvedModel
 from trainers.training.device import choose_device
 from trainers.training.fit import FitSettings
@@ -104,14 +104,14 @@ class Objective:
         """Held against the budget before any memory is taken or epoch trained."""
         try:
             config = self.plan.configured(self.data, point)
-            count = trainable_weights(
+            count = unfilled(
                 config.arch,
                 inputs=len(config.observation),
                 outputs=len(config.force),
                 window_s=config.window_s,
                 rate_hz=config.rate_hz,
                 hyper=config.hyper,
-            )
+            ).trainable
         except UnusableInput as error:
             raise _pruned(trial, str(error), SHAPE, excess=1.0) from error
         trial.set_user_attr(PARAMETERS, count)

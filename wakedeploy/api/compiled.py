@@ -38,7 +38,7 @@ def wish_of(folder: Path, as_c: AsC) -> "Wish":
     that is no share, and where there is no compiler.
     """
     from export.c.identifiers import require_name
-    from export.c.packaging import TOLERANCE, Wish
+    from export.c.packaging import TOLERANCE, Wish, require_free
     from runtime.compiled.compiler import host_compiler
 
     weights, tolerance = as_c.get("weights", "float32"), as_c.get("tolerance", TOLERANCE)
@@ -48,17 +48,9 @@ def wish_of(folder: Path, as_c: AsC) -> "Wish":
         raise UnusableInput(f"tolerance {tolerance!r}: a share from 0 to 1, such as 0.02.")
     if (name := as_c.get("name")) is not None:
         require_name(name)
-    _require_new(folder)
+    require_free(folder)
     host_compiler()
     return Wish(weights, name, tuple(as_c.get("flags", ())), tolerance)
-
-
-def _require_new(folder: Path) -> None:
-    """UnusableInput where a file or a folder is in the way, for the command and for Python."""
-    if folder.exists() or folder.is_symlink():
-        raise UnusableInput(
-            f"{folder}: is there already; name another folder for the C, or remove that one."
-        )
 
 
 def c_of_package(

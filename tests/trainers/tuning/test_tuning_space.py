@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from small_study import plan_of
 
 from trainers.bounds import check_settings, check_value
-from trainers.build import ARCHITECTURES, build, hyper_parameters, trainable_weights
+from trainers.build import ARCHITECTURES, build, hyper_parameters, unfilled
 from trainers.dimensions import Choice, Span
 from trainers.memory import Sizes
 from trainers.training.fit import FitSettings
@@ -147,7 +147,7 @@ def test_any_point_is_built_within_the_budget_or_pruned_untrained(
 def test_weights_are_counted_as_they_are_built(arch: str) -> None:
     hyper = {"neurons": 50} if arch == "esn" else {}
     assert (
-        trainable_weights(arch, **DOMAIN, hyper=hyper)
+        unfilled(arch, **DOMAIN, hyper=hyper).trainable
         == build(arch, **DOMAIN, hyper=hyper).trainable
     )
 
