@@ -329,7 +329,7 @@ def _frozen(stated: Input, log: str, values: FloatArray, dt_s: float) -> list[st
     return [
         f"input {stated.name} stands at {minus(f'{value:.4g}')}{_behind(stated.unit)} in {log} for "
         f"{dt_s * lasts[longest]:.3g} s from {dt_s * begins[longest]:.4g} s on, and seldom for "
-        f"more than {dt_s * usual:.2g} s elsewhere. If it was not logged there, leave that part out."
+        f"more than {dt_s * usual:.2g} s elsewhere. If it was not logged there, cut that out."
     ]
 
 
