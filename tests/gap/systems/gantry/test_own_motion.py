@@ -11,6 +11,8 @@ from wakedeploy.gap.systems.gantry.search.before_after import Shown, gaps
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base, ranked_by_own_motion
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
 
+pytestmark = pytest.mark.whole
+
 FRICTION_N = 0.5
 TRUTH = with_effects(coulomb_friction={"coulomb_n": (FRICTION_N, "N")})
 FRICTION = ("coulomb-friction",)

@@ -170,7 +170,7 @@ def test_a_row_of_the_page_says_sizes_costs_and_minutes(told) -> None:
         assert (minutes.note == "never") == (each.minutes is None)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_outcomes_follow_the_size(flown, fitted) -> None:
     names = ("coulomb-friction", "viscous-friction", "lost-steps")
     sizes = {n: plausible_size(RIG, n) for n in names} | {"lost-steps": (0.02,)}
@@ -182,6 +182,7 @@ def test_outcomes_follow_the_size(flown, fitted) -> None:
     assert np.all((told.named <= told.in_class) & (told.in_class <= told.detected))
 
 
+@pytest.mark.slow
 def test_each_sensor_adds_what_it_sees_and_takes_nothing_away(fitted) -> None:
     names = ("spool-lag-source", "transport-speed", "battery-sag", "range-drift")
     model, base = fitted
@@ -196,6 +197,7 @@ def test_each_sensor_adds_what_it_sees_and_takes_nothing_away(fitted) -> None:
     assert after["battery-voltage"][lag, way] == pytest.approx(before[lag, way])
 
 
+@pytest.mark.whole
 def test_the_rig_files_forecast_is_the_wake_that_comes() -> None:
     """Against the plant's own wake force, a lead later, along a simulated flight without gusts."""
     calm = RIG.changed(disturbance={"turbulence_fraction": 0.0})
@@ -212,6 +214,7 @@ def test_the_rig_files_forecast_is_the_wake_that_comes() -> None:
     assert np.sqrt(np.mean(error**2)) < 0.25 * np.sqrt(np.mean(later**2))
 
 
+@pytest.mark.whole
 def test_ignoring_an_effect_costs_millimetres() -> None:
     plain = tracking_rmse_m(RIG, RIG, seconds=10.0, seed=1)
     stronger = with_effect(RIG, "wake-strength", (520.0,))
