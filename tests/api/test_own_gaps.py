@@ -157,7 +157,7 @@ def test_the_command_prints_what_the_function_returns(place: Path, gap: wd.Gap) 
     assert json.loads((place / "told.json").read_text())["verdict"] == "named"
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_logs_in_other_units_are_read_by_a_columns_file(place: Path, tmp_path: Path) -> None:
     """A folder of a log, too: as `gap check` takes it, every step does."""
     rows = np.loadtxt(place / "log.csv", delimiter=",", skiprows=1) * 1000.0

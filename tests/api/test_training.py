@@ -66,7 +66,7 @@ def test_scores_are_those_of_the_predictions(runs: wd.Runs) -> None:
     ]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_each_episode_has_the_error_of_its_own_predictions(runs: wd.Runs, session: Path) -> None:
     data, run = echo(), runs["history-mlp"]
     package = wd.export(run, session / "episodes.onnx", data=data)

@@ -53,7 +53,7 @@ def test_a_hidden_delay_moves_a_motor_later():
     assert int(np.argmin(apart)) == 5
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["steps", pytest.param("closed", marks=pytest.mark.slow)])
 def test_a_sensor_that_is_cut_is_named(drive):
     case = next(c for c in CASES if c.plant == "motor" and "clip" in c.hidden)

@@ -62,7 +62,7 @@ def test_commands_wait_for_the_servo_frame(pid_flight: RunLog) -> None:
     assert np.max(wait_s) < 0.04
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_truth_fed_forward_helps_and_its_future_helps_more() -> None:
     flown = {
         lead_s: np.mean(

@@ -108,7 +108,7 @@ class Case:
         return mean + np.einsum("mik,m->ik", gain, left), after, left, own
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_summed_log_density_is_that_of_all_readings_together() -> None:
     case = Case()
     samples = case.run()[0]

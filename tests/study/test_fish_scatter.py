@@ -65,7 +65,7 @@ def test_both_panels_are_square_and_share_one_scale() -> None:
     assert [line.get_label() for line in time.lines] == ["truth", "agile-mlp", "gru"]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_what_is_shown_has_the_r2_that_is_told(tmp_path: Path, recordings: Path) -> None:
     data = import_set(recordings / "fish")
     names = ["agile-mlp", "esn"]

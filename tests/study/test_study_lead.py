@@ -91,7 +91,7 @@ def test_the_truth_of_a_flight_flown_before_is_the_truth_and_a_lead_shifts_it() 
     assert ended == 0
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_gantrys_limits_are_those_of_its_own_sweep(monkeypatch) -> None:
     monkeypatch.setattr("wakedeploy.domains.gantry_lead._FIRST_SEED", FIRST_SEED)
     scores = sweep(default_rig(), [0.0, 0.1], flights=2, seconds=5.0)

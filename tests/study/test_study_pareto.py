@@ -185,7 +185,7 @@ def flown(packages: list[Path], *, ticks: int, progress, rounds: list[int]) -> l
     ]  # fmt: skip
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:
     rounds: list[int] = []
     monkeypatch.setattr("runtime.bench.bench_latency", partial(flown, rounds=rounds))

@@ -60,7 +60,7 @@ def measured(tmp_path_factory) -> tuple[EpisodeSet, list[Seen]]:
     return data, measure(data, "force", ["history-mlp", "gru"], 1, folder, epochs=25)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_past_shorter_than_the_delay_is_worth_what_an_ar1_series_says(measured) -> None:
     _, points = measured
     for point in points:
@@ -74,7 +74,7 @@ def test_a_past_shorter_than_the_delay_is_worth_what_an_ar1_series_says(measured
         assert point.r2_low < point.r2 < point.r2_high
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_shortest_that_suffices_is_the_delay(measured) -> None:
     data, points = measured
     steps = sorted({p.samples - 1 for p in points if p.samples is not None})
@@ -91,7 +91,7 @@ def test_the_shortest_that_suffices_is_the_delay(measured) -> None:
     assert "The wake is under way" not in sentence("toy", points, data.rate_hz)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_every_past_is_scored_on_the_same_samples(measured) -> None:
     data, points = measured
     longest = max(seen.warm_up_steps for seen in windows(data))
@@ -217,7 +217,7 @@ def test_a_model_that_loses_to_the_present_alone_is_told_so() -> None:
     assert "by the past: 0.79 of the standard deviation with it, 0.80 without" in told
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_states_and_histories_have_the_bytes_that_are_kept(measured) -> None:
     data, points = measured
     assert {p.bytes for p in points if p.arch == "gru"} == {4 * 128}  # float32, hidden units

@@ -353,7 +353,7 @@ def test_a_job_whose_set_is_another_on_the_worker_is_told(
     assert "small is not the set that this sweep began with" in changed["reason"]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.usefixtures("patient")
 def test_of_workers_that_join_later_those_that_fit_get_jobs(
     machines: Machines, record: Record, small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -110,7 +110,7 @@ def test_the_truth_is_nowhere_in_what_the_workflow_was_given(
     assert told["effects"][HIDDEN] == STRONG.effects[HIDDEN]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["first", "second"])
 def test_both_pilots_fly_the_hidden_plant_on_the_same_references(plant: Any) -> None:
     late = replace(STRONG, plant=plant, effects={"command-latency": {"latency_s": 0.03}})

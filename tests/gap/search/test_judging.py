@@ -142,7 +142,7 @@ class Loaded(Slider):
         return {"speed_mps": (inputs.force_n + forces.get("speed_mps", 0.0)) / c.mass_kg}
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Stepped, Loaded])
 def test_a_law_shows_in_any_form_of_a_system(rubbing, kind):
     log = rubbing.logs[0]
@@ -188,7 +188,7 @@ def test_a_disturbance_that_follows_nothing_is_no_missing_effect(gusts_mps2, ver
     assert any("a disturbance acts so" in line for line in sentences(answer_of(told)))
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("offset_n", "found", "judged"),
     [

@@ -206,7 +206,7 @@ class Joint(System):
         return {"speed_radps": inputs.torque_nm / c.inertia_kgm2}
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_nothing_is_named_on_a_model_that_forecasts_worse_than_none():
     rng = np.random.default_rng(2)
     time_s = np.arange(640) / RATE

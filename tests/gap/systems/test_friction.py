@@ -119,7 +119,7 @@ def test_friction_that_a_model_knows_of_acts_as_in_small_steps(sled, seed):
     assert replay == pytest.approx(position_m, abs=most)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_size_of_a_known_friction_is_fitted_and_no_other_is_named():
     random = np.random.default_rng(5)
     force_n = np.repeat(random.normal(0.0, 8.0, 80), 12)

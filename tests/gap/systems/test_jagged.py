@@ -47,7 +47,7 @@ def _model(period: int = 1, step_n: float = 0.0) -> LogModel:
     return LogModel(Slider(), [Recording("log", t, {"force_n": command, "x_m": shown})])
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "hidden", "size"),
     [

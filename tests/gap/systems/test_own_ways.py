@@ -64,7 +64,7 @@ def recorded(seed: int) -> Recording:
     return Recording(f"day {seed}", np.arange(len(pump)) / 10.0, columns)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_discrete_system_names_an_effect_of_the_user_s_own_over_several_logs(tank: Path) -> None:
     model = LogModel(read_system(tank), [recorded(0), recorded(1)])
     assert {block.log for block in model.blocks} == {0, 1}

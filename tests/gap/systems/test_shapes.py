@@ -75,7 +75,7 @@ def leading(force) -> Candidate:
     return best
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.parametrize("loss_spm", [0.0, pytest.param(3.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("kind", "limit_m", "sign"),

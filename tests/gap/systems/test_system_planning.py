@@ -65,7 +65,7 @@ def base(model: LogModel):
     return fitted_base(model)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_an_effect_of_the_size_that_is_told_gains_what_was_told(model, base) -> None:
     """Mean gain of fits to logs that have it: the threshold, and what makes it sure beside it."""
     told = power(model, base, (DRAG,))
@@ -165,7 +165,7 @@ def test_a_system_that_nobody_commands_has_nothing_to_plan(model) -> None:
         require_names(LogModel(held(), [recorded(0)]), (LAG,))
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_no_input_tells_a_delay_before_the_only_input_from_one_behind_the_only_output() -> None:
     """Whatever is recorded, both delay all of it; a fast input shows how each is computed."""
     behind = "sensor-dead-time@position_m"

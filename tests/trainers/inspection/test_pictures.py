@@ -55,7 +55,7 @@ def by_label(axes) -> dict[str, object]:
     return {line.get_label(): line for line in axes.lines}
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_training_leaves_both_pictures_with_each_seed(data_folder: Path, tmp_path: Path) -> None:
     done = wakedeploy(
         "train", "--data", data_folder, "--arch", "agile-mlp,esn", "--seeds", 2, "--epochs", 2,
@@ -291,7 +291,7 @@ def test_a_run_of_before_keeps_what_it_has_and_is_drawn(echo: EpisodeSet, tmp_pa
         assert tuple(path.name for path in paths) == left
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_pictures_change_nothing_of_what_is_trained(data_folder: Path, tmp_path: Path) -> None:
     asked = ("train", "--data", data_folder, "--arch", "gru,agile-mlp", "--epochs", 2)
     assert wakedeploy(*asked, "--out", tmp_path / "with").exit_code == 0
@@ -319,7 +319,7 @@ def test_a_picture_that_cannot_be_written_costs_no_result(
     assert "R² f_n" in done.output
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_nothing_that_trains_loads_the_drawing_library(data_folder: Path, tmp_path: Path) -> None:
     program = f"""
 import sys

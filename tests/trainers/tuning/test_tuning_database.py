@@ -230,7 +230,7 @@ def test_the_turn_of_a_killed_process_is_over(tmp_path: Path, address: str) -> N
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_study_in_the_database_is_that_in_the_journal(
     echo: EpisodeSet, tmp_path: Path, address: str
 ) -> None:

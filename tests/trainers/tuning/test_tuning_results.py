@@ -23,7 +23,7 @@ from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import CheckFailed
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_best_is_kept_as_a_preset_that_trains_to_the_same_error(
     echo: EpisodeSet, tmp_path: Path
 ) -> None:

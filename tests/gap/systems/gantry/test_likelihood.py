@@ -106,7 +106,7 @@ def test_truth_is_more_likely_than_what_is_not(base) -> None:
             assert density < fitted.log_likelihood - 5.0
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_miscalibrated_constants_are_found(base) -> None:
     off = {"thrust.sufferer.scale": 1.04, "wake.strength": 420.0}
     truth = with_constants(RIG, off)
@@ -204,7 +204,7 @@ def test_the_rigs_own_effects_are_free_within_their_intervals() -> None:
     assert with_effect.objective > fit(without, (), (0,), without.start(())).objective + 3.0
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_held_readings_are_less_likely_without_the_hold() -> None:
     truth = with_effects(sample_and_hold={"hold_s": (0.06, "s")})
     model = GantryModel(RIG, [flown(SEEDS[0], truth), flown(SEEDS[2], truth)])

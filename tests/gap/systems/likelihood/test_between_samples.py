@@ -82,7 +82,7 @@ def test_a_step_is_kept_and_a_constant_stays_what_it_is():
         assert between(np.full(50, 7.0), hold, 3) == pytest.approx(np.full(150, 7.0), abs=1e-3)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_replay_in_fine_steps_is_that_of_an_integrator():
     recording = swung(noise_m=0.0)
     truth = recording.columns["position_m"]
@@ -116,7 +116,7 @@ def test_rows_that_are_finer_than_the_rate_are_the_inputs_of_its_steps():
     assert off(3) < 0.25  # rows that fill no step are what comes early and late in one
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_constants_come_out_true_where_a_held_input_bends_them():
     recording = swung()
     model = LogModel(variant(steps=4), [recording])

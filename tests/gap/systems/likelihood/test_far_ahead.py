@@ -264,7 +264,7 @@ def test_long_logs_are_searched_in_part_far_ahead_too(monkeypatch):
     assert again.found.episodes == near.found.episodes
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_steps_go_on_from_an_answer_far_ahead(rubbing, monkeypatch, tmp_path):
     """Its fits have other parameters than those of the model that was asked first."""
     far = rubbing.far_ahead()

@@ -56,7 +56,7 @@ def _log(seed: int, lags: int, cut_s: float, minutes: float = 6.0) -> Recording:
     return Recording("tank", np.arange(n - cut) / RATE, columns)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lags", "effect"),
     [

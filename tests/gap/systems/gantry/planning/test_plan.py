@@ -141,7 +141,7 @@ def some(*names):
     return [manoeuvre(name) for name in names]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_triangles_split_coulomb_from_viscous_friction(tmp_path) -> None:
     made = make_plan(
         RIG,
@@ -159,7 +159,7 @@ def test_triangles_split_coulomb_from_viscous_friction(tmp_path) -> None:
     np.testing.assert_allclose(back.z_m, written.z_m, atol=1e-6)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_without_the_source_nothing_tells_its_lag_from_its_way() -> None:
     made = make_plan(RIG, ["spool-lag-source", "transport-speed"], manoeuvres=some("height-steps"))
     assert made.best is None
