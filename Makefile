@@ -23,11 +23,11 @@ TESTS = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
-	@echo "make test    the tests"
-	@echo "make test-slow       the tests that search, fly or train for longer"
+	@echo "make test    the quick tests, in less than ten minutes on two cores"
+	@echo "make test-slow       the longest searches, flights and trainings, for before a release"
 	@echo "make test-wallclock  the tests that need real time, and so a quiet machine; up to three tries each"
 	@echo "make explore the property tests on new random examples; elsewhere they are always the same"
-	@echo "make check   what CI runs: format, lint, types, import rules, manual, tests, base install"
+	@echo "make check   what CI runs: format, lint, types, import rules, manual, all but slow tests, base install"
 	@echo "make lint    the part of it that takes seconds"
 	@echo "make format  put the code into its format"
 	@echo "make bench   latency of the eight architectures, paced at 32 Hz"

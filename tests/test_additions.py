@@ -246,6 +246,7 @@ def gantry_set() -> wd.EpisodeSet:
     )  # fmt: skip
 
 
+@pytest.mark.whole
 def test_a_ninth_architecture_is_trained_exported_checked_and_flown(tmp_path: Path) -> None:
     assert architectures()[-1] == "leaky-mean"
     assert "leaky-mean" in " ".join(wakedeploy("train", "--help").output.split())

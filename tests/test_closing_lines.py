@@ -22,6 +22,7 @@ def printed_of(*what: str, **variables: str) -> list[str]:
     return ended.stdout.splitlines()
 
 
+@pytest.mark.whole
 def test_without_the_firmware_s_tools_one_line_says_what_to_install():
     printed = printed_of("tests/firmware/test_size.py", "tests/firmware/test_simulated_uno.py")
     (line,) = [line for line in printed if "SKIPPED" in line]
@@ -31,6 +32,7 @@ def test_without_the_firmware_s_tools_one_line_says_what_to_install():
     assert line == f"SKIPPED [{count}] to run them: sudo apt install {' '.join(needs.SIMULATOR)}"
 
 
+@pytest.mark.whole
 def test_without_recordings_one_line_says_where_they_are_looked_for(tmp_path):
     found = "tests/domains/test_crazyflie.py", "-k", "directly_below"
     printed = printed_of(*found, WAKEDEPLOY_DATA=str(tmp_path))
@@ -58,6 +60,7 @@ def test_other_reasons_are_told_once_each():
     assert needs.skipped_lines([]) == []
 
 
+@pytest.mark.whole
 def test_a_test_that_ran_again_is_told_with_what_went_wrong(tmp_path):
     (tmp_path / "test_late.py").write_text(
         "tries = []\n"

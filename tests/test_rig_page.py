@@ -168,6 +168,7 @@ def test_where_wires_meet_is_a_dot_and_where_they_cross_a_hop() -> None:
     assert len(cross) > 8
 
 
+@pytest.mark.whole
 def test_bare_motors_never_get_more_than_the_page_says() -> None:
     """Nothing lifts without propellers, and the integral asks for ever more."""
     ((low, high),) = re.findall(r"`limits.pulse_us = \[(\d+), (\d+)\]`", PAGE)

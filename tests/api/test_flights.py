@@ -53,6 +53,7 @@ def test_several_flights_are_single_ones_and_their_mean(
     assert flights.ended_early == ()
 
 
+@pytest.mark.whole
 def test_flights_show_themselves(flight: wd.Flight, flights: wd.Flights) -> None:
     assert flight._repr_png_().startswith(PNG)
     assert flights._repr_png_().startswith(PNG)
@@ -81,6 +82,7 @@ def test_without_pandas_the_sentence_says_how_to_get_it(
         flight.to_pandas()
 
 
+@pytest.mark.whole
 def test_what_was_recorded_is_read_again(tmp_path: Path) -> None:
     flown = wd.fly(seconds=6, log=tmp_path / "flight.mcap")
     read = wd.Flight.read(tmp_path / "flight.mcap")
@@ -91,6 +93,7 @@ def test_what_was_recorded_is_read_again(tmp_path: Path) -> None:
     assert several[0].rmse_mm == flown.rmse_mm
 
 
+@pytest.mark.whole
 def test_what_was_not_recorded_has_its_error_alone(flight: wd.Flight) -> None:
     bare = wd.fly(seconds=6, seed=4, record=False)
     assert (len(bare), bare.rmse_mm) == (0, pytest.approx(flight.rmse_mm, rel=1e-9))

@@ -66,6 +66,7 @@ def _kind(place: Path) -> type[wd.System]:
     return type(read_system(place / "slider.py"))
 
 
+@pytest.mark.whole
 def test_a_system_in_a_file_gets_its_answer(gap: wd.Gap) -> None:
     assert (gap.verdict, gap.effects, gap.classes) == ("named", (NAME,), ())
     assert repr(gap) == f"<Gap in {gap.folder}: named: {NAME}>"
@@ -78,6 +79,7 @@ def test_a_system_in_a_file_gets_its_answer(gap: wd.Gap) -> None:
     assert gap.next[0].startswith("wakedeploy gap simulate --system")
 
 
+@pytest.mark.whole
 def test_what_lies_in_the_folder_is_read_again(gap: wd.Gap) -> None:
     again = wd.Gap.read(str(gap.folder))
     assert again.account == gap.account
@@ -89,6 +91,7 @@ def test_what_lies_in_the_folder_is_read_again(gap: wd.Gap) -> None:
         _ = again.steps
 
 
+@pytest.mark.whole
 def test_the_correction_is_loaded_by_the_system(place: Path, gap: wd.Gap) -> None:
     kind, other = _kind(place), recorded(1)
     assert gap.corrected == gap.folder / "correction.toml"
@@ -100,6 +103,7 @@ def test_the_correction_is_loaded_by_the_system(place: Path, gap: wd.Gap) -> Non
     assert off(better) < 0.2 * off(kind())
 
 
+@pytest.mark.whole
 def test_sizes_and_the_ranking_are_tables(gap: wd.Gap) -> None:
     pytest.importorskip("pandas", reason="the extra notebook is not installed")
     (row,) = gap.to_pandas().to_dict("records")
@@ -116,12 +120,14 @@ def test_sizes_and_the_ranking_are_tables(gap: wd.Gap) -> None:
         gap.to_pandas("all")  # type: ignore[arg-type]
 
 
+@pytest.mark.whole
 def test_the_forecast_is_drawn(gap: wd.Gap) -> None:
     axes = gap.plot().axes
     assert axes[0].get_lines()
     assert gap.plot()._repr_png_().startswith(b"\x89PNG")
 
 
+@pytest.mark.whole
 def test_a_class_and_recordings_give_the_same_answer(place: Path, tmp_path: Path) -> None:
     """Nothing of it lies in a file, so that no command can be given."""
     kind = _kind(place)
@@ -137,6 +143,7 @@ def test_a_class_and_recordings_give_the_same_answer(place: Path, tmp_path: Path
     assert "ranking effects" not in seen
 
 
+@pytest.mark.whole
 def test_the_command_prints_what_the_function_returns(place: Path, gap: wd.Gap) -> None:
     words = ["--system", str(place / "slider.py"), "--measured", str(place / "log.csv")]
     told = CliRunner().invoke(
@@ -150,6 +157,7 @@ def test_the_command_prints_what_the_function_returns(place: Path, gap: wd.Gap) 
     assert json.loads((place / "told.json").read_text())["verdict"] == "named"
 
 
+@pytest.mark.slow
 def test_logs_in_other_units_are_read_by_a_columns_file(place: Path, tmp_path: Path) -> None:
     """A folder of a log, too: as `gap check` takes it, every step does."""
     rows = np.loadtxt(place / "log.csv", delimiter=",", skiprows=1) * 1000.0

@@ -66,6 +66,7 @@ def test_scores_are_those_of_the_predictions(runs: wd.Runs) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_each_episode_has_the_error_of_its_own_predictions(runs: wd.Runs, session: Path) -> None:
     data, run = echo(), runs["history-mlp"]
     package = wd.export(run, session / "episodes.onnx", data=data)
@@ -177,6 +178,7 @@ def test_an_exported_run_predicts_what_it_did_in_training(runs: wd.Runs, session
     assert wd.load(session / "made.onnx").manifest == made.manifest
 
 
+@pytest.mark.whole
 def test_a_run_predicts_and_draws_as_its_package_does(runs: wd.Runs, session: Path) -> None:
     data, run = echo(), runs["gru"]
     package = wd.export(run, session / "same.onnx", data=data)
@@ -197,6 +199,7 @@ def test_a_run_predicts_and_draws_as_its_package_does(runs: wd.Runs, session: Pa
     np.testing.assert_allclose(lines["true"].get_ydata(), episode.force[late:, 0])
 
 
+@pytest.mark.whole
 @c_compiler
 def test_an_exported_run_becomes_c_beside_its_package(runs: wd.Runs, session: Path) -> None:
     data, file = echo(), session / "beside.onnx"

@@ -48,6 +48,7 @@ def test_a_flight_without_a_fault_is_the_simulation_s_own():
         assert [row[name] for row in rows] == log[name].tolist(), name
 
 
+@pytest.mark.whole
 def test_a_copy_of_a_flight_flies_as_the_flight_does_by_itself():
     cases = [Case(name, MOMENT) for name in ("none", "range noise 5 cm", "link cut, 0.5 s")]
     assert fly_all(cases) == [fly(case) for case in cases]

@@ -49,6 +49,7 @@ def pushed(numbers: Numbers, thrust_n: float, seconds: float, z_m: float = 0.6) 
     return y
 
 
+@pytest.mark.whole
 def test_a_body_without_friction_falls() -> None:
     free = Numbers(coulomb_n=0.0, stiction_n=0.0, viscous_n_per_mps=0.0)
     y = pushed(free, 0.0, 0.25)
@@ -93,6 +94,7 @@ def test_a_misfit_is_what_was_asked_for(family) -> None:
     assert (axis > 0.0).all()
 
 
+@pytest.mark.whole
 def test_a_flight_is_whole_and_the_same_again() -> None:
     case = Case(3, jet="round", misfit=0.03, friction="lugre", sensor="window", noise="bursts")
     log, again = (fly(case, RIG, 9, seconds=4.0) for _ in range(2))

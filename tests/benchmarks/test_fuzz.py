@@ -39,7 +39,13 @@ def judge(tmp_path: Path) -> Iterator[Judge]:
         yield judge
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.whole) if name == "table-hdf5" else name
+        for name in FILES
+    ],
+)
 def test_damaged_files_are_read_or_refused_in_a_sentence(name: str, judge: Judge) -> None:
     pytest.importorskip("torch")
     from benchmarks.fuzz.kinds import MAKE
@@ -143,6 +149,7 @@ def test_a_failing_file_is_made_small(judge: Judge) -> None:
     assert smallest(judge, kind, kind.sound[0], damaged, verdict) == {"a.txt": b"six"}
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("reserve", "outcomes"), [(np.empty, {"refused"}), (np.ones, {"refused", "failed"})]
 )

@@ -54,7 +54,7 @@ def test_a_hidden_delay_moves_a_motor_later():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drive", ["steps", "closed"])
+@pytest.mark.parametrize("drive", ["steps", pytest.param("closed", marks=pytest.mark.slow)])
 def test_a_sensor_that_is_cut_is_named(drive):
     case = next(c for c in CASES if c.plant == "motor" and "clip" in c.hidden)
     case = replace(case, drive=drive)
@@ -70,6 +70,7 @@ def test_a_delay_is_named_that_the_input_s_clock_hides():
     assert "dead-time@command_rad" in (*told["named"], *told["class"])
 
 
+@pytest.mark.whole
 def test_an_imagined_log_can_lack_what_a_cut_sensor_has():
     """No reading comes three times in it, and yet the cut is what it has to tell apart."""
     case = next(c for c in CASES if c.plant == "tank" and "clip" in c.hidden)

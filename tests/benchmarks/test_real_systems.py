@@ -65,7 +65,7 @@ def cart(tmp_path):
     return Case("cart", *places, files, (FRICTION,), "made here", added=built_in)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_small_case_is_asked_and_judged(cart, tmp_path, monkeypatch):
     monkeypatch.setattr(benchmark, "CASES", (cart,))
     record = tmp_path / "real-systems.json"

@@ -13,6 +13,7 @@ from wakedeploy.rig.file import default_rig
 SWEEP = ("bench", "lead", "--flights", "1", "--seconds", "10", "--step")
 
 
+@pytest.mark.whole
 def test_the_best_lead_lies_near_the_default_and_beats_none(tmp_path: Path) -> None:
     path = tmp_path / "lead.json"
     result = CliRunner().invoke(main, [*SWEEP, "0.03", "--json", str(path)])
@@ -23,6 +24,7 @@ def test_the_best_lead_lies_near_the_default_and_beats_none(tmp_path: Path) -> N
     assert errors[told["best_s"]] < 0.6 * errors[0.0]
 
 
+@pytest.mark.whole
 def test_motors_that_follow_at_once_need_little_lead(tmp_path: Path) -> None:
     rig, path = tmp_path / "rig.toml", tmp_path / "lead.json"
     default_rig().without("spool").write(rig)

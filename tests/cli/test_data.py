@@ -11,6 +11,7 @@ from wakedeploy.cli import main
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet, read_episode_set
 
 
+@pytest.mark.whole
 def test_a_gantry_set_is_made_and_described(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

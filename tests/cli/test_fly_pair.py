@@ -31,6 +31,7 @@ def started(*arguments):
     return subprocess.Popen(told, stdin=-1, stdout=-1, stderr=-1, text=True)
 
 
+@pytest.mark.whole
 def test_a_virtual_pair_is_two_tied_logs_and_a_table(here):
     asked = ["--virtual", "--seconds", "8", "--seed", "2", "--json", "pair.json"]
     run = CliRunner().invoke(main, ["fly-pair", "--rig", "rig.toml", "--out", "pair", *asked])
@@ -57,6 +58,7 @@ def test_a_virtual_pair_is_two_tied_logs_and_a_table(here):
     assert told["mean_n"] == told["pairs"][0]["mean_n"] < 0.0
 
 
+@pytest.mark.whole
 def test_ctrl_c_in_the_first_flight_keeps_it_and_flies_no_second(here):
     run = started("--virtual", "--seconds", 900)
     first, end_s = here / "pair" / "wake-off.mcap", time.monotonic() + 60.0

@@ -68,7 +68,13 @@ FILE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(name, marks=pytest.mark.whole) if name in ("data", "picture") else name
+        for name in COMMANDS
+    ],
+)
 def test_a_full_disk_is_one_sentence_and_the_command_is_given_again(command, inputs, monkeypatch):
     monkeypatch.chdir(inputs)
     monkeypatch.setattr(sys.modules[__name__], "BYTES", 1_000 if command == "json" else BYTES)
@@ -86,6 +92,7 @@ def test_a_full_disk_is_one_sentence_and_the_command_is_given_again(command, inp
     assert again.exit_code == 0, again.output
 
 
+@pytest.mark.whole
 def test_a_flight_whose_disk_is_full_is_brought_down_and_readable_up_to_there(inputs, monkeypatch):
     monkeypatch.chdir(inputs)
     fly = ("run-gantry", "--virtual", "--baseline", "--seconds", 12, "--log", "logs")

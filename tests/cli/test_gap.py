@@ -127,6 +127,7 @@ def test_steps_out_of_order_say_which_one_comes_first(folder: Path) -> None:
     refused(gap(folder, "show", "flight.csv"), "run `wakedeploy gap name` first")
 
 
+@pytest.mark.whole
 def test_ctrl_c_in_training_leaves_the_result_and_the_report(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,6 +172,7 @@ def test_two_at_once_in_one_folder_would_mix_their_steps(folder: Path, step: str
     assert shown == []
 
 
+@pytest.mark.whole
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

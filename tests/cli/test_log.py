@@ -28,6 +28,7 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return paths
 
 
+@pytest.mark.whole
 def test_show_tells_and_draws(flights: list[Path], tmp_path: Path) -> None:
     done = run("log", "show", *flights, "--json", tmp_path / "runs.json")
     assert done.exit_code == 0, done.output
@@ -105,6 +106,7 @@ def test_gap_export_writes_a_log_as_csv_as_well(flights: list[Path], tmp_path: P
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
+@pytest.mark.whole
 def test_smooth_makes_a_set_with_ceiling(flights: list[Path], tmp_path: Path) -> None:
     made, told = tmp_path / "set", tmp_path / "told.json"
     done = run("log", "smooth", *flights, "--out", made, "--json", told)

@@ -30,6 +30,7 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return paths
 
 
+@pytest.mark.whole
 def test_simulation_tells_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wakedeploy.domains.gantry.EPISODE_S", 8.0)
     done = piped("data", "make", "gantry", "--out", tmp_path / "set", "--minutes", "0.4")
@@ -40,6 +41,7 @@ def test_simulation_tells_how_far_it_is(tmp_path: Path, monkeypatch: pytest.Monk
     assert len(told) <= 12
 
 
+@pytest.mark.whole
 def test_logs_are_read_and_smoothed_aloud(flights: list[Path], tmp_path: Path) -> None:
     done = piped("log", "show", *flights, "--no-picture")
     assert "Reading the logs: done in " in done.stderr

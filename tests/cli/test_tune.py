@@ -152,6 +152,7 @@ def test_a_study_begins_where_it_is_told_to_and_a_preset_can_be_added(
     assert [row["point"]["hidden"] for row in rows] == [128, 8, 9]
 
 
+@pytest.mark.whole
 def test_a_start_that_no_trial_is_left_for_is_refused_and_equal_ones_are_one(
     data: Path, tmp_path: Path
 ) -> None:
@@ -173,6 +174,7 @@ def test_a_start_that_no_trial_is_left_for_is_refused_and_equal_ones_are_one(
     assert len({json.dumps(row["point"]) for row in rows}) == 3
 
 
+@pytest.mark.whole
 def test_a_reservoirs_study_begins_at_the_scales_that_are_tried_anyway(
     data: Path, tmp_path: Path
 ) -> None:
@@ -333,6 +335,7 @@ def test_presets_are_packed_into_the_wheel(tmp_path: Path) -> None:
     assert (tmp_path / "built/trainers/presets/echo/gru.toml").exists()
 
 
+@pytest.mark.whole
 def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_path: Path) -> None:
     out = tmp_path / "front"
     ended = wakedeploy(
@@ -351,6 +354,7 @@ def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_pat
     assert (out / "pareto.pdf").exists()
 
 
+@pytest.mark.whole
 def test_error_and_flash_judge_a_trial_by_the_bytes_of_its_weights(
     data: Path, tmp_path: Path
 ) -> None:

@@ -93,7 +93,7 @@ def rows_in(out: Path) -> list[Row]:
     return rows_of(study)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_killed_worker_loses_one_trial_and_ctrl_c_none(
     data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
 ) -> None:
@@ -127,6 +127,7 @@ def test_a_killed_worker_loses_one_trial_and_ctrl_c_none(
     assert not any(row.state == "running" for row in after)
 
 
+@pytest.mark.whole
 def test_a_tune_killed_whole_is_gone_on_with_by_the_next(
     data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
 ) -> None:

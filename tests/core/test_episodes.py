@@ -95,6 +95,7 @@ def assert_same(one: EpisodeSet, other: EpisodeSet) -> None:
             assert theirs.arrays[name].dtype == np.float32
 
 
+@pytest.mark.whole
 @settings(max_examples=60, deadline=None)
 @given(written=episode_sets())
 def test_what_is_written_is_read(
@@ -296,6 +297,7 @@ def endless_writer(tmp_path: Path) -> Iterator[multiprocessing.process.BaseProce
     process.join()
 
 
+@pytest.mark.whole
 def test_a_killed_writer_leaves_a_whole_set(
     endless_writer: multiprocessing.process.BaseProcess, tmp_path: Path
 ) -> None:

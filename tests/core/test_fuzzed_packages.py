@@ -45,6 +45,7 @@ def read(data: bytes) -> Package | None:
     return package
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 def test_whatever_is_changed_is_refused_in_a_sentence_or_read(way, whole):
     @settings(max_examples=800)
@@ -71,6 +72,7 @@ for path in sys.argv[1:]:
 """
 
 
+@pytest.mark.whole
 def test_what_is_read_of_forged_graphs_runs_or_fails_in_a_sentence(whole, tmp_path):
     """In a process of its own, as a check runs it; none of them kills it."""
     read_all = []

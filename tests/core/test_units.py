@@ -106,6 +106,7 @@ SI_OF = {  # of each symbol that is understood in other cases, too
 }  # fmt: skip
 
 
+@pytest.mark.whole
 def test_a_symbol_in_other_cases_is_what_it_is_listed_as_or_is_refused() -> None:
     """Every spelling of every symbol, in whatever capitals: no case makes another unit of it."""
     names = [name for name in units._SYMBOLS if name.isascii() and name.isalnum()]

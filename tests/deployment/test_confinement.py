@@ -126,6 +126,7 @@ def confinement():
         pytest.skip(why)
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("confinement")
 def test_the_real_time_loop_runs_within_the_units_limits_and_system_calls(tiny_package, tmp_path):
     package, told = tmp_path / "p.onnx", tmp_path / "told.json"
@@ -139,6 +140,7 @@ def test_the_real_time_loop_runs_within_the_units_limits_and_system_calls(tiny_p
     assert "may not use SCHED_FIFO" in refused.stdout + refused.stderr
 
 
+@pytest.mark.whole
 @needs.c_compiler
 @pytest.mark.usefixtures("confinement")
 def test_a_package_becomes_c_and_flies_within_the_units_system_calls(tmp_path, monkeypatch):

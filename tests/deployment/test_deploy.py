@@ -96,6 +96,7 @@ def leftovers(rig):
     ]
 
 
+@pytest.mark.whole
 def test_deployed_twice_rolled_back_and_forth_again(installed, packages):
     rig = installed
     first, second = packages("first.onnx"), packages("second.onnx")
@@ -132,6 +133,7 @@ def test_the_same_package_again_keeps_the_one_before_it(rig, packages):
     assert rig.links() == {"current": hashed(second), "previous": hashed(first)}
 
 
+@pytest.mark.whole
 def test_paths_start_in_the_home_folder(rig, packages):
     first = packages("first.onnx")
     from_home = os.path.relpath(rig.site, Path.home())
@@ -152,6 +154,7 @@ def test_a_broken_package_never_leaves(rig, packages, tmp_path):
     assert not rig.site.exists()
 
 
+@pytest.mark.whole
 def test_a_package_that_fails_its_check_there_changes_nothing(rig, packages, tiny_package):
     assert deploy(rig, packages("first.onnx")).exit_code == 0
     before, lying = rig.links(), rig.config.with_name("lying.onnx")
@@ -161,6 +164,7 @@ def test_a_package_that_fails_its_check_there_changes_nothing(rig, packages, tin
     assert_unchanged(rig, before)
 
 
+@pytest.mark.whole
 def test_a_sound_package_for_another_loop_does_not_become_current(rig, packages, tmp_path):
     lead_s = default_lead_s(default_rig())
     fits, early = tmp_path / "fits.onnx", tmp_path / "early.onnx"
@@ -256,6 +260,7 @@ def test_without_an_earlier_package_there_is_no_way_back(rig, packages):
     assert rig.links() == before
 
 
+@pytest.mark.whole
 def test_of_several_at_once_each_ends_right(rig, packages, begun, tmp_path):
     """Each makes its links under names of its own; the last one to exchange them stays."""
     rig.command.write_text(PASSES)
@@ -274,6 +279,7 @@ def test_of_several_at_once_each_ends_right(rig, packages, begun, tmp_path):
     assert leftovers(rig) == []
 
 
+@pytest.mark.whole
 def test_a_previous_package_that_no_longer_passes_does_not_come_back(rig, packages):
     for name in ("first.onnx", "second.onnx"):
         assert deploy(rig, packages(name)).exit_code == 0

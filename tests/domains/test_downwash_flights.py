@@ -104,6 +104,7 @@ def test_what_is_observed_is_what_the_names_say() -> None:
     assert size.mean() == pytest.approx(GRAVITY_MPS2, rel=0.1)
 
 
+@pytest.mark.whole
 def test_shifted_worlds_stay_within_their_spread_and_on_their_grid() -> None:
     seeds = range(6)
     world = shifted(seeds, 0.75)
@@ -118,6 +119,7 @@ def test_shifted_worlds_stay_within_their_spread_and_on_their_grid() -> None:
     assert np.array_equal(again.force_n[:, 0], flown.force_n[:, 3])
 
 
+@pytest.mark.whole
 def test_a_set_has_both_kinds_of_flight_and_repeats_exactly(monkeypatch) -> None:
     """Of episodes of 5 s, which are flown as those of 20 s are."""
     fly = functools.partial(downwash.fly, seconds=5.0)
@@ -147,6 +149,7 @@ def test_differences_of_own_motion_tell_most_of_the_force() -> None:
     assert "source_thrust_z_n" not in OWN_MOTION
 
 
+@pytest.mark.whole
 def test_ways_go_as_far_and_as_fast_as_the_world_says() -> None:
     column = {channel.name: i for i, channel in enumerate(OBSERVATION)}
 
@@ -164,6 +167,7 @@ def test_ways_go_as_far_and_as_fast_as_the_world_says() -> None:
     assert still < 0.2 * spread("source_thrust_z_n", flown(sway_m=0.0))
 
 
+@pytest.mark.whole
 def test_the_command_writes_a_set(tmp_path) -> None:
     out = tmp_path / "downwash"
     told = CliRunner().invoke(main, ["data", "make", "downwash", "--out", str(out), "--minutes",

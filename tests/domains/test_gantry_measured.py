@@ -55,6 +55,7 @@ def test_errors_are_small_and_the_stated_sd_is_honest(logs: dict[str, RunLog]) -
     assert inside[force > np.quantile(force, 0.8)].mean() > 0.75  # in the wake's core as well
 
 
+@pytest.mark.whole
 def test_a_sensor_whose_readings_are_old_is_measured_with_at_their_times() -> None:
     late = EffectParameter(value=0.08, unit="s")
     entry = Effect(name="range-delay", parameters={"delay_s": late})
@@ -88,6 +89,7 @@ def test_the_thrust_is_the_plants_after_spool() -> None:
     assert GantryPlant.dt_s == pytest.approx(t_s[1] - t_s[0])
 
 
+@pytest.mark.whole
 def test_the_set_is_what_training_takes(made: MeasuredSet) -> None:
     episodes = made.episodes
     assert episodes.domain == "gantry"
@@ -106,6 +108,7 @@ def test_the_set_is_what_training_takes(made: MeasuredSet) -> None:
     assert 0.8 < made.r2_ceiling < 1.0
 
 
+@pytest.mark.whole
 def test_acceleration_and_thrust_are_kept_and_are_the_plants() -> None:
     """The carriage's own, inner step by inner step: its speed's change, and its thrust."""
     seen: list[tuple[float, float, float]] = []
@@ -130,6 +133,7 @@ def test_acceleration_and_thrust_are_kept_and_are_the_plants() -> None:
         assert np.sqrt(np.mean(thrust_error**2)) < 0.05
 
 
+@pytest.mark.whole
 def test_stretches_are_whole_where_a_set_would_cut_them(
     logs: dict[str, RunLog], made_of_one: MeasuredSet
 ) -> None:
@@ -147,6 +151,7 @@ def test_stretches_are_whole_where_a_set_would_cut_them(
     np.testing.assert_array_equal(whole.force, np.concatenate([e.force for e in parts]))
 
 
+@pytest.mark.whole
 def test_observations_are_those_of_the_loop(
     logs: dict[str, RunLog], made_of_one: MeasuredSet
 ) -> None:
@@ -159,6 +164,7 @@ def test_observations_are_those_of_the_loop(
     np.testing.assert_allclose(episode.observation[:, 3], log["vz_est_mps"][at], atol=1e-6)
 
 
+@pytest.mark.whole
 def test_a_single_flight_is_split_by_time(made_of_one: MeasuredSet) -> None:
     episodes = made_of_one.episodes
     assert sorted(episodes.split.values()) == ["test", "train", "train", "validation"]
@@ -166,11 +172,13 @@ def test_a_single_flight_is_split_by_time(made_of_one: MeasuredSet) -> None:
     assert all(before[1] < after[0] for before, after in itertools.pairwise(ends))
 
 
+@pytest.mark.whole
 def test_the_truth_changes_nothing(logs: dict[str, RunLog], made_of_one: MeasuredSet) -> None:
     blind = measured_set({"flight0": logs["flight0"].without_truth()}, RIG)
     assert blind.episodes.sha256 == made_of_one.episodes.sha256
 
 
+@pytest.mark.whole
 def test_a_log_with_the_required_columns_alone_can_be_smoothed(logs: dict[str, RunLog]) -> None:
     needed = {"tick", "t_s", "range_m", "range_age_s", "steps", "source_cmd_us", "sufferer_cmd_us"}
     log = logs["flight1"]
@@ -191,6 +199,7 @@ def test_the_rest_on_the_stop_gives_the_range_offset() -> None:
     assert range_offset(plain, RIG) == pytest.approx(0.0, abs=0.0015)
 
 
+@pytest.mark.whole
 def test_missing_ticks_and_samples_cut_the_flight_and_do_no_harm(logs: dict[str, RunLog]) -> None:
     log = logs["flight2"]
     kept = np.ones(len(log), dtype=bool)
@@ -212,6 +221,7 @@ def test_logs_without_flight_are_refused() -> None:
         measured_set({"empty": RunLog.from_rows([], {})}, RIG)
 
 
+@pytest.mark.whole
 def test_logs_of_another_rate_are_refused(logs: dict[str, RunLog]) -> None:
     log = logs["flight0"]
     other = RunLog(log.columns, log.metadata | {"rate_hz": "64"})
@@ -219,6 +229,7 @@ def test_logs_of_another_rate_are_refused(logs: dict[str, RunLog]) -> None:
         measured_set({"a": log, "b": other}, RIG)
 
 
+@pytest.mark.whole
 def test_training_takes_a_measured_set(made: MeasuredSet, tmp_path: Path) -> None:
     pytest.importorskip("torch")
     from click.testing import CliRunner

@@ -62,6 +62,7 @@ def test_commands_wait_for_the_servo_frame(pid_flight: RunLog) -> None:
     assert np.max(wait_s) < 0.04
 
 
+@pytest.mark.slow
 def test_the_truth_fed_forward_helps_and_its_future_helps_more() -> None:
     flown = {
         lead_s: np.mean(
@@ -91,6 +92,7 @@ def test_each_disturbance_can_be_switched_off() -> None:
     assert np.nanmax(np.abs(log["innovation_m"][: 8 * 32])) < 0.03
 
 
+@pytest.mark.whole
 def test_a_hidden_force_reaches_the_flight_and_its_own_column() -> None:
     log = record(None, seconds=10.0, seed=1, force_hook=lambda t, state: -0.3)
     plain = record(None, seconds=10.0, seed=1)
@@ -143,6 +145,7 @@ def test_the_loop_knows_its_own_rig_and_not_the_truth() -> None:
     assert not np.allclose(*heights_m, atol=1e-4)
 
 
+@pytest.mark.whole
 def test_a_set_splits_by_episode_and_repeats(monkeypatch) -> None:
     """Of episodes of 5 s, flown in this process: those of 25 s are flown alike."""
     monkeypatch.setattr("wakedeploy.domains.gantry.EPISODE_S", 5.0)

@@ -19,6 +19,7 @@ NUMBERS = st.sampled_from(["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4"]).flat
 NAMES = st.from_regex(r"[a-zA-Z][a-zA-Z0-9_]{0,30}", fullmatch=True)
 
 
+@pytest.mark.whole
 @settings(max_examples=100, deadline=None)
 @given(variables=st.dictionaries(NAMES, NUMBERS, max_size=4), packed=st.booleans())
 def test_numbers_are_read_as_scipy_reads_them(
@@ -147,6 +148,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, bytes]:
     return found
 
 
+@pytest.mark.whole
 @settings(max_examples=400, deadline=None)
 @given(data=st.data(), packed=st.booleans())
 def test_any_damage_is_refused_or_harmless(

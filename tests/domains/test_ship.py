@@ -34,6 +34,7 @@ def passage():
     return sailed()
 
 
+@pytest.mark.slow
 def test_a_passage_is_scored_from_two_lengths_to_two_lengths_and_repeats_exactly(passage) -> None:
     """Memories warm up while the ships come nearer: a fast encounter would be over by then."""
     one = passage
@@ -46,6 +47,7 @@ def test_a_passage_is_scored_from_two_lengths_to_two_lengths_and_repeats_exactly
     assert np.array_equal(one.force, sailed().force)
 
 
+@pytest.mark.slow
 def test_speeds_observed_are_those_of_the_places_observed(passage) -> None:
     observed = passage.observation.astype(float)
     for place, speed in (("dx_m", "dvx_mps"), ("dy_m", "dvy_mps")):
@@ -54,6 +56,7 @@ def test_speeds_observed_are_those_of_the_places_observed(passage) -> None:
         assert moved == pytest.approx(middle, abs=0.1)
 
 
+@pytest.mark.slow
 def test_both_levels_attract_abreast_and_differ() -> None:
     forces = {}
     for level in ("vortex", "slender"):

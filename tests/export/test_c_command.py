@@ -172,6 +172,7 @@ def test_a_folder_of_something_else_is_told(tmp_path):
     assert "not made by wakedeploy" in refused("check", tmp_path)
 
 
+@pytest.mark.whole
 def test_rounding_beyond_the_tolerance_leaves_nothing(tmp_path_factory, tmp_path):
     package = tmp_path_factory.mktemp("wide") / "wide.onnx"
     write_package(remembering(), package)

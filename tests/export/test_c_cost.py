@@ -20,6 +20,7 @@ def counted() -> dict[str, dict]:
     return {arch: one["float32"] for arch, one in sizes.items()}
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("arch", ARCHITECTURES)
 def test_instructions_are_estimated_within_a_twentieth(exported_arch, counted, arch):
     cost, found = c_cost(exported_arch(arch).package), counted[arch]
@@ -28,6 +29,7 @@ def test_instructions_are_estimated_within_a_twentieth(exported_arch, counted, a
     assert cost.flash_bytes < found["flash"] < cost.flash_bytes + 8000
 
 
+@pytest.mark.whole
 def test_a_wider_gru_takes_more_of_everything(monkeypatch):
     from export.c import trial_cost
     from export.reference import reference_config

@@ -52,6 +52,7 @@ def flown(site, package, *options) -> dict:
     return json.loads(told.read_text())
 
 
+@pytest.mark.whole
 def test_two_flights_are_a_tenth_of_a_millimetre_apart_at_most(site):
     package, c = flown(site, "p.onnx"), flown(site, "c")
     assert abs(package["true_rmse_mm"] - c["true_rmse_mm"]) < 0.1
@@ -60,6 +61,7 @@ def test_two_flights_are_a_tenth_of_a_millimetre_apart_at_most(site):
     assert flown(site, "p.onnx", "--backend", "c") == c
 
 
+@pytest.mark.whole
 def test_a_flight_of_c_loads_no_onnxruntime(site):
     script = (
         "import sys; sys.modules['onnxruntime'] = None\n"

@@ -111,6 +111,7 @@ def test_a_reservoir_is_kept_by_its_entries(exported_arch):
     assert sparse.flash_bytes("float32") == 6 * entries + 2 * 1000 < 0.2 * 4 * 1000**2
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("compiler", [pytest.param("gcc"), pytest.param("clang", marks=clang)])
 @pytest.mark.parametrize("kind", ["float32", "float16", "int8"])
 def test_it_compiles_without_a_warning(exported_arch, tmp_path, compiler, kind):

@@ -18,6 +18,8 @@ from wakedeploy.core import onnx_wire
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.core.package import MANIFEST_KEY, read_package
 
+pytestmark = pytest.mark.whole
+
 KEYS = {"ok", "arch", "trainable", "parity"}
 
 

@@ -91,6 +91,7 @@ OTHER_SHAPES = [
 ]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("arch", "shape"), OTHER_SHAPES)
 def test_other_shapes_stay_inside_what_a_package_may_hold(arch, shape):
     assert_shapes_agree(exported(arch, **shape))
@@ -165,6 +166,7 @@ def test_exporting_twice_gives_the_same_bytes(exported_arch):
     assert package.model_bytes == made.path.read_bytes()
 
 
+@pytest.mark.whole
 def test_exporting_leaves_dropout_out_and_the_predictor_in_training():
     config = reference_config("gru").model_copy(update={"hyper": {"dropout": 0.5}})
     predictor = new_predictor(config).train()

@@ -19,6 +19,7 @@ TABLE_I = {  # trainable, frozen
 }
 
 
+@pytest.mark.whole
 def test_reference_packages_have_the_tables_shapes_and_pass_the_parity_gate(tmp_path, monkeypatch):
     few = ("agile-mlp", "delay-embedding")  # nothing starts at zero, and something does
     monkeypatch.setattr(reference, "ARCHITECTURES", few)

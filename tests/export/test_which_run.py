@@ -58,6 +58,7 @@ def test_without_a_word_it_is_the_newest_run_of_all_and_says_so(here: Path) -> N
     assert read_package(here / "agile-mlp.onnx").manifest.arch == "agile-mlp"
 
 
+@pytest.mark.whole
 def test_a_folder_with_a_single_run_says_enough(here: Path) -> None:
     for place in ("runs/walk/history-mlp", "runs/walk/history-mlp/s0"):
         done = wakedeploy("export", "--runs", place)
@@ -102,6 +103,7 @@ def test_where_there_is_no_run_it_says_so(tmp_path: Path, monkeypatch: pytest.Mo
     assert "runs holds no finished run" in done.stderr
 
 
+@pytest.mark.whole
 def test_a_set_that_has_moved_is_asked_for(
     trained: Path, here: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -16,6 +16,7 @@ pytestmark = needs.compiler
 COUNT = 60_000
 
 
+@pytest.mark.whole
 def test_no_frame_and_no_noise_makes_the_firmware_do_what_it_must_not() -> None:
     told = frames.tried(COUNT, 7)
     assert told["frames"] == COUNT
@@ -38,6 +39,7 @@ SPOILT = {
 }
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", SPOILT)
 def test_a_bug_in_the_decisions_is_found(name, monkeypatch, tmp_path) -> None:
     file, sound, spoilt = SPOILT[name]

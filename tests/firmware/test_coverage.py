@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import needs
+import pytest
 
 from runtime.virtual.firmware_build import DECISIONS, ROOT, host_library
 
@@ -78,6 +79,7 @@ def unreached(lines: list[dict]) -> list[str]:
     ]
 
 
+@pytest.mark.whole
 def test_every_line_and_branch_of_the_decisions_is_tested(tmp_path):
     lines = counted(tmp_path)
     assert {f"{name}.cpp" for name in DECISIONS} <= set(lines)

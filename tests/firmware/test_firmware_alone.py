@@ -3,6 +3,7 @@
 import time
 
 import needs
+import pytest
 from cable import Cable
 
 from runtime.io.link import Link
@@ -13,6 +14,7 @@ from wakedeploy.rig.file import default_rig
 LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 0, 0, 0)
 
 
+@pytest.mark.whole
 @needs.simulator
 def test_a_sketch_whose_cable_is_pulled_idles_both_motors_and_latches():
     with VirtualGantryProcess(default_rig(), seed=0, firmware=True) as gantry:

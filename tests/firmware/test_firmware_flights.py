@@ -66,6 +66,7 @@ def rmse_m(log: RunLog) -> float:
     return float(np.sqrt(np.mean((log["z_ref_m"] - log["true_z_m"])[log.flying] ** 2)))
 
 
+@pytest.mark.whole
 def test_the_sketch_flies_as_the_board_in_python_does(tmp_path, as_it_should_be) -> None:
     ended, log = flown("sketch", tmp_path)
     assert ended == "whole"
@@ -77,6 +78,7 @@ def test_the_sketch_flies_as_the_board_in_python_does(tmp_path, as_it_should_be)
     assert rmse_m(log) == pytest.approx(rmse_m(as_it_should_be), rel=0.1)
 
 
+@pytest.mark.whole
 def test_the_command_flies_the_sketch(tmp_path, as_it_should_be) -> None:
     RIG.write(tmp_path / "rig.toml")
     fly = ["-m", "wakedeploy", "run-gantry", "--baseline", "--virtual", "--firmware"]
@@ -103,6 +105,7 @@ def with_pulses_too_long(sketch: str) -> str:
     return re.sub(r"(OCR1[AB]) = (mcu.+);", r"\1 = (\2) + ((\2) >> 2);", sketch)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("spoil", "ends"),
     [

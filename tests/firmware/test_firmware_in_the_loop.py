@@ -115,6 +115,7 @@ def test_a_reboot_takes_the_pulses_away_and_starts_idle():
     assert rig.send(Command(1500, 1500, 0, 1000, 1000)) is None
 
 
+@pytest.mark.whole
 @needs.simulator
 def test_the_sketch_answers_over_a_real_pseudo_terminal():
     with (
@@ -146,6 +147,7 @@ def landing_speed(rig):
     return fastest_mps
 
 
+@pytest.mark.whole
 @needs.simulator
 def test_how_hard_a_pulled_cable_lets_the_sufferer_land():
     """From 0.7 m, as docs/how-to/rig.md has it: a board on USB power, one with its own supply."""

@@ -83,6 +83,7 @@ def judge(monkeypatch, tmp_path):
     return write
 
 
+@pytest.mark.whole
 @needs.compiler
 def test_a_suite_that_fails_anyhow_judges_nothing(judge, monkeypatch, tmp_path, capsys) -> None:
     judge("def test_one(): assert False\n")
@@ -95,6 +96,7 @@ def test_a_suite_that_fails_anyhow_judges_nothing(judge, monkeypatch, tmp_path, 
     assert not told.exists()
 
 
+@pytest.mark.whole
 @needs.compiler
 def test_what_runs_out_of_time_or_not_at_all_is_not_killed(judge, monkeypatch) -> None:
     folder = judge("import time\ndef test_one(): time.sleep(60)\n")

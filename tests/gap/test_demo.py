@@ -64,6 +64,7 @@ def test_the_rig_file_lacks_exactly_what_the_gantry_has():
     }
 
 
+@pytest.mark.whole
 def test_measured_flights_know_nothing_of_the_truth(tmp_path):
     from wakedeploy.core.runlog import read_run_log
 

@@ -145,6 +145,7 @@ def test_what_the_project_flies_and_plans_itself_is_enough() -> None:
     assert option.type.min == FEWEST_IN_ALL  # written as a number there, which loads nothing
 
 
+@pytest.mark.slow
 def test_one_flight_of_a_rig_that_lacks_nothing_concludes_nothing(closed) -> None:
     out, told = closed["nothing"]
     page, result = text_of(out / "report.html"), json.loads((out / "result.json").read_text())
@@ -163,6 +164,7 @@ def test_one_flight_of_a_rig_that_lacks_nothing_concludes_nothing(closed) -> Non
     assert not (out / "rig.toml").exists()
 
 
+@pytest.mark.slow
 def test_the_advice_is_to_fly_with_seeds_that_no_log_has(flights, closed) -> None:
     out, told = closed["nothing"]
     rig, folder = flights["rig"][0], flights["nothing"][0].parent
@@ -180,6 +182,7 @@ def test_the_advice_is_to_fly_with_seeds_that_no_log_has(flights, closed) -> Non
         assert options <= known
 
 
+@pytest.mark.slow
 def test_a_strong_effect_leads_on_one_flight_and_is_not_added(closed) -> None:
     out, told = closed[HIDDEN]
     leads = f"{HIDDEN} leads: it gains"
@@ -202,6 +205,7 @@ def test_a_strong_effect_leads_on_one_flight_and_is_not_added(closed) -> None:
     assert "Nothing: one flight cannot confirm what to add." in page
 
 
+@pytest.mark.slow
 def test_jagged_effects_are_tried_only_where_something_stands_out(closed) -> None:
     """Of hundreds of sizes of a dead band, some fit the noise of one flight."""
     for kind, tried in (("nothing", False), (HIDDEN, True)):
@@ -229,6 +233,7 @@ def test_the_steps_by_themselves_say_the_same(flights, tmp_path) -> None:
         assert f"nothing was concluded, none to add. {headline}" in run.stderr
 
 
+@pytest.mark.slow
 def test_an_effect_that_a_person_asks_for_is_added_with_a_caution(
     flights, closed, tmp_path
 ) -> None:
@@ -277,6 +282,7 @@ def test_three_flights_name_and_a_fourth_has_to_confirm(flights, several) -> Non
     assert [e.name for e in added.effects] == [HIDDEN]
 
 
+@pytest.mark.whole
 def test_too_few_flights_do_not_wait_for_thresholds(flights, monkeypatch, tmp_path) -> None:
     """A rig file that nobody has simulated yet takes minutes, for nothing that could be said."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -417,7 +423,7 @@ def test_what_chance_gives_is_said_to_be_unknown_before_it_is_simulated() -> Non
     assert "gains 4.0 nats in this one flight; chance alone gives up to 6.5." in told
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_nothing_is_added_of_one_flight_unasked(flights, closed) -> None:
     case = open_case(flights["rig"][0], flights[HIDDEN][:1], thresholds=LIMITS)
     with pytest.raises(UnusableInput, match="Cannot tell from one flight"):

@@ -42,6 +42,7 @@ def shows(browser, name, text):
     browser.until(lambda: browser.text(name) == text)
 
 
+@pytest.mark.whole
 def test_values_move_and_stop_lands_the_sufferer(browser, served):
     """A flight of the loop in simulated time, eight times faster than real; STOP by Esc."""
     browser.open(served.url)
@@ -75,6 +76,7 @@ def test_values_move_and_stop_lands_the_sufferer(browser, served):
     assert "stopped by hand" in browser.text("notice")
 
 
+@pytest.mark.whole
 def test_a_page_comes_back_and_has_every_row_once(browser, served):
     browser.open(served.url)
     fed(served.feed, range(100))
@@ -88,6 +90,7 @@ def test_a_page_comes_back_and_has_every_row_once(browser, served):
     shows(browser, "link", "connected")
 
 
+@pytest.mark.whole
 def test_a_stop_that_nobody_answers_says_so(browser):
     with live_views("127.0.0.1:0") as page:
         begin(page.feed)
@@ -99,6 +102,7 @@ def test_a_stop_that_nobody_answers_says_so(browser):
             browser.until(lambda: "was not answered" in browser.text("notice"))
 
 
+@pytest.mark.whole
 def test_a_loop_that_does_not_act_on_stop_and_one_that_is_silent_are_told(browser):
     is_grave = "return document.getElementById('notice').classList.contains('is-grave')"
     with live_views("127.0.0.1:0") as page:
@@ -123,6 +127,7 @@ def test_a_loop_that_does_not_act_on_stop_and_one_that_is_silent_are_told(browse
         assert "silent" in browser.text("link")
 
 
+@pytest.mark.whole
 def test_a_run_that_cannot_begin_says_why_and_nothing_of_a_log(browser):
     with live_views("127.0.0.1:0") as page:
         browser.open(page.url)
@@ -134,6 +139,7 @@ def test_a_run_that_cannot_begin_says_why_and_nothing_of_a_log(browser):
         assert browser.text("log") == "–"
 
 
+@pytest.mark.whole
 def test_without_the_token_nothing_is_shown(browser, served):
     browser.open(served.url.partition("#")[0])
     browser.until(lambda: "token is missing or wrong" in browser.text("notice"))

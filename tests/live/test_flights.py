@@ -69,6 +69,7 @@ def served(folder):
         yield url
 
 
+@pytest.mark.whole
 def test_rows_are_what_log_show_says(folder):
     index = Index(folder)
     index.refresh()
@@ -85,6 +86,7 @@ def test_rows_are_what_log_show_says(folder):
     assert "is not an MCAP run log" in rows["broken.mcap"]["problem"]
 
 
+@pytest.mark.whole
 def test_a_row_names_rig_and_package_and_has_no_date_that_was_none(folder, tmp_path):
     log = record(None, seconds=2, seed=0)
     log.write_mcap(tmp_path / "bare.mcap")
@@ -101,6 +103,7 @@ def test_a_row_names_rig_and_package_and_has_no_date_that_was_none(folder, tmp_p
     assert row["package"] == "gru.onnx 01234567"
 
 
+@pytest.mark.whole
 def test_the_cache_is_asked_first_and_a_changed_file_is_read_again(folder, monkeypatch):
     Index(folder).refresh()
     read = []
@@ -117,6 +120,7 @@ def test_the_cache_is_asked_first_and_a_changed_file_is_read_again(folder, monke
     assert read == ["flight0.mcap"]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     "damage", ["", "{", "[]", '{"version": 1, "logs": {"a": 3}}', '{"version": 9}']
 )
@@ -128,6 +132,7 @@ def test_a_damaged_cache_is_no_cache(folder, damage):
     assert all("waits" not in row for row in index.rows())
 
 
+@pytest.mark.whole
 def test_events_are_changes_of_mode_and_onsets_of_faults(folder):
     found = events_of(read_run_log(folder / "below" / "<b>.mcap"))
     assert [name for _, kind, name in found if kind == "fault"] == ["late", "late", "range_bad"]
@@ -140,6 +145,7 @@ def test_a_folder_that_is_not_there_is_a_sentence(tmp_path):
     assert "there is no such folder" in told.output
 
 
+@pytest.mark.whole
 def test_nothing_is_told_without_the_token_and_nothing_but_listed_flights_and_reports(served):
     client = Client(served)
     token = {"Authorization": f"Bearer {client.token}"}
@@ -159,6 +165,7 @@ def test_nothing_is_told_without_the_token_and_nothing_but_listed_flights_and_re
     assert client.ask("POST", "/api/flights", Origin=f"http://{client.host}", **token)[0] == 405
 
 
+@pytest.mark.whole
 def test_one_flight_is_read_once_however_many_ask_at_a_time(folder, monkeypatch):
     read, may_end = [], threading.Event()
 
@@ -183,6 +190,7 @@ def test_one_flight_is_read_once_however_many_ask_at_a_time(folder, monkeypatch)
     assert len(read) == 2
 
 
+@pytest.mark.whole
 def test_flights_that_nobody_waits_for_any_longer_are_not_read(folder, tmp_path, monkeypatch):
     """Who walks down a list by its keys waits for the last one, and for none on the way there."""
     names = [f"{number}.mcap" for number in range(8)]
@@ -252,6 +260,7 @@ def draws(browser, name):
     browser.until(lambda: name in browser.script(view), limit_s=30.0)
 
 
+@pytest.mark.whole
 @needs.chromium
 def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder, tmp_path):
     browser.open(served)
@@ -327,6 +336,7 @@ def redrawn(browser):
     return browser.script("const told = redrawn; redrawn = 0; return told;")
 
 
+@pytest.mark.whole
 @needs.chromium
 def test_of_ten_thousand_flights_a_key_redraws_only_what_is_in_view(browser, many):
     with serving("log", "browse", many) as url:
@@ -363,6 +373,7 @@ return [...document.querySelectorAll("#rows tr")].filter((row) => {
 WIDTHS = "return [...document.querySelectorAll('#heads th')].map((head) => head.offsetWidth)"
 
 
+@pytest.mark.whole
 @needs.chromium
 def test_a_long_list_scrolls_sorts_and_is_walked_through_by_keys(browser, many):
     with serving("log", "browse", many) as url:
@@ -403,6 +414,7 @@ def fits(browser, width):
     return np.ptp(edges, axis=0).max() < 1.0 and edges[0, 1] > 0.8 * width and overflow <= 0
 
 
+@pytest.mark.whole
 @needs.chromium
 def test_the_band_of_modes_follows_the_strips_when_the_window_changes(browser, served):
     browser.open(served)
@@ -414,6 +426,7 @@ def test_the_band_of_modes_follows_the_strips_when_the_window_changes(browser, s
         browser.until(lambda size=size: fits(browser, size[0]))
 
 
+@pytest.mark.whole
 @needs.chromium
 def test_a_phone_scrolls_the_list_and_not_the_page(browser, served):
     browser.open(served, PHONE)
@@ -428,6 +441,7 @@ def test_a_phone_scrolls_the_list_and_not_the_page(browser, served):
     assert "Shift" not in browser.driver.find_element("css selector", ".hint").text
 
 
+@pytest.mark.whole
 def test_a_replay_waits_for_the_first_page(folder, monkeypatch):
     clock = [100.0]
     monkeypatch.setattr("wakedeploy.live.replay.time", SimpleNamespace(monotonic=lambda: clock[0]))

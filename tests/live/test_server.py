@@ -107,6 +107,7 @@ def test_what_is_no_token_is_no_error(client, said):
     asyncio.run(visit())
 
 
+@pytest.mark.whole
 def test_ten_pages_get_every_row_once_and_one_that_comes_back_only_the_rest():
     with live_views("127.0.0.1:0") as page:
         client = Client(page.url)
@@ -132,6 +133,7 @@ def test_ten_pages_get_every_row_once_and_one_that_comes_back_only_the_rest():
         asyncio.run(visit())
 
 
+@pytest.mark.whole
 def test_a_page_is_asked_whether_it_is_there_while_rows_flow_and_while_none_do():
     with live_views("127.0.0.1:0") as page:
         begin(page.feed)
@@ -158,6 +160,7 @@ def test_a_page_is_asked_whether_it_is_there_while_rows_flow_and_while_none_do()
         asyncio.run(visit())
 
 
+@pytest.mark.whole
 def test_a_page_that_does_not_read_holds_up_nobody_and_misses_what_it_did_not_take():
     """Twice what fits between the two, while it does not read; then it gets the newest."""
     with live_views("127.0.0.1:0") as page:
@@ -180,6 +183,7 @@ def test_a_page_that_does_not_read_holds_up_nobody_and_misses_what_it_did_not_ta
         assert 100 < rows < 5000
 
 
+@pytest.mark.whole
 def test_stop_by_request_lands_a_flight_gently():
     with live_views("127.0.0.1:0") as page:
         client = Client(page.url)
@@ -204,6 +208,7 @@ def test_a_stop_after_the_run_or_a_second_page_at_a_port_is_a_sentence(client):
         pass
 
 
+@pytest.mark.whole
 def test_a_socket_in_the_file_system_is_this_users_alone(tmp_path):
     path = tmp_path / "live"
     with live_views(str(path)) as page:

@@ -294,6 +294,7 @@ def test_cells_too_coarse_for_the_wake_are_refused() -> None:
         field(width_m=0.04)
 
 
+@pytest.mark.whole
 def test_it_runs_where_compiled_code_cannot_be_kept() -> None:
     """As in a package folder and a home that are read-only: it compiles anew, it does not fail."""
     script = (

@@ -108,6 +108,7 @@ class Case:
         return mean + np.einsum("mik,m->ik", gain, left), after, left, own
 
 
+@pytest.mark.slow
 def test_the_summed_log_density_is_that_of_all_readings_together() -> None:
     case = Case()
     samples = case.run()[0]
@@ -154,6 +155,7 @@ def test_forecasts_are_the_conditional_means_without_further_readings() -> None:
         assert ahead[1, n] == pytest.approx(cov[then, 0, then, 0], rel=1e-7)
 
 
+@pytest.mark.whole
 def test_smoothed_states_are_the_conditional_means_given_everything() -> None:
     case = Case()
     _, _, states, covariances = case.run(remember=True)

@@ -141,6 +141,7 @@ def test_noise_refuses_a_sensor_that_repeats_itself_and_a_log_without_a_hover():
         noise.estimate(held, BIASED)
 
 
+@pytest.mark.whole
 def test_latency_is_sensing_and_round_trip_together():
     """The plant senses in inner steps, and what it read before a step is seen after it."""
     found = []
@@ -183,6 +184,7 @@ def with_battery(log, volts):
     return RunLog({**log.columns, "battery_v": np.full(len(log), volts)})
 
 
+@pytest.mark.whole
 def test_thrust_finds_scale_and_exponent_of_the_curve():
     truth = curve(0.93, 1.08)
     site = SimulatedSite(truth, seed=5)
@@ -239,6 +241,7 @@ def test_a_battery_that_sags_from_mass_to_mass_does_not_bend_the_curve():
     assert "curve is that of 12.00 V" in " ".join(three.sentences)
 
 
+@pytest.mark.whole
 def test_thrust_refuses_an_exponent_that_masses_so_close_cannot_tell():
     clips_kg = (0.0, 0.02, 0.045)
     logs = [thrust.record(SimulatedSite(RIG, seed=7), RIG, c, i) for i, c in enumerate(clips_kg)]
@@ -247,6 +250,7 @@ def test_thrust_refuses_an_exponent_that_masses_so_close_cannot_tell():
         thrust.estimate(logs, clips_kg, DIVIDED)
 
 
+@pytest.mark.whole
 def test_thrust_refuses_a_flight_that_held_still_or_had_the_source_on():
     still = hold_plan(RIG, 28.0, 0.5, RIG.limits.pulse_us[0])
     held = SimulatedSite(RIG).flown("still", RIG, still)
@@ -274,6 +278,7 @@ def test_without_a_divider_the_first_mass_has_to_come_again_before_anything_flie
     thrust.require_masses(CLIPS_KG[:3], DIVIDED)
 
 
+@pytest.mark.whole
 def test_steps_are_counted_over_the_measured_distance_with_motors_off():
     site = SimulatedSite(RIG.changed(stepper={"steps_per_m": 4000}), seed=3)
     log = steps_per_metre.record(site, RIG, -0.4, hold_s=4.0)
@@ -306,6 +311,7 @@ def stepped(up_s, down_s):
     return spool.record(SimulatedSite(truth, seed=5), RIG)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("up_s", "down_s"), [(0.04, 0.07), (0.09, 0.14)])
 def test_spool_finds_both_lags(up_s, down_s):
     found = spool.estimate(stepped(up_s, down_s), RIG)
@@ -313,6 +319,7 @@ def test_spool_finds_both_lags(up_s, down_s):
     agrees(found, "spool.sufferer.down_s", down_s, 0.012)
 
 
+@pytest.mark.whole
 def test_spool_refuses_a_flight_without_steps_too_short_or_half_seen():
     still = SimulatedSite(RIG).flown("still", RIG, hold_plan(RIG, 18.0, 0.6, 1000.0))
     with pytest.raises(CheckFailed, match="has to step"):

@@ -54,6 +54,7 @@ def contents(log: Path):
     return messages, {name: value for name, value in metadata.items() if name != "started_utc"}
 
 
+@pytest.mark.whole
 def test_two_processes_fly_the_same_to_the_last_byte_whatever_else_runs(here):
     command = [sys.executable, "-m", "wakedeploy", "run-gantry", "--baseline", "--virtual"]
     command += ["--rig", "rig.toml", "--seconds", "6", "--seed", "5"]
@@ -79,6 +80,7 @@ def test_a_logs_stamps_run_with_the_flights_own_time(here):
     assert np.diff(stamps_ns) * 1e-9 == pytest.approx(np.diff(t_s), abs=1e-6)
 
 
+@pytest.mark.whole
 def test_what_computing_takes_is_not_made_up(here):
     result = run_gantry("--baseline", "--virtual", "--seconds", 6, "--log", "f.mcap", "--json", "r")
     assert result.exit_code == 0, result.output
@@ -117,6 +119,7 @@ def test_the_bytes_on_the_wire_are_real_a_damaged_frame_is_dropped_and_counted()
     assert world.answer.status.missed >= damaged - 1  # which the deadman counts, too
 
 
+@pytest.mark.whole
 def test_an_hour_of_flight_outruns_the_disk_and_loses_no_tick(here, monkeypatch):
     monkeypatch.setattr("runtime.io.recorder.QUEUE_SIZE", 8)
     fly(RunRequest(RIG, 30.0, log=Path("f.mcap")))
@@ -125,6 +128,7 @@ def test_an_hour_of_flight_outruns_the_disk_and_loses_no_tick(here, monkeypatch)
     assert np.all(np.diff(log["tick"]) == 1)
 
 
+@pytest.mark.whole
 def test_many_flights_are_the_single_ones_and_their_mean_has_its_standard_error(here):
     plan = ("--baseline", "--virtual", "--seconds", 6)
     for workers in (1, 2):

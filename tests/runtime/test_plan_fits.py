@@ -24,6 +24,7 @@ PLANS = {
 }
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", PLANS)
 def test_a_built_in_flight_stays_below_a_low_limit_and_ends_whole(name):
     plan = PLANS[name](LOW)

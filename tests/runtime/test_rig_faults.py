@@ -155,6 +155,7 @@ def has_flown(run, log, ticks):
     return flown > ticks or run.poll() is not None
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("fault", "cause", "words"),
     [
@@ -335,6 +336,7 @@ def test_a_port_that_is_not_there_says_where_to_look(refused):
     assert "no such port; plug the board in" in refused("--port", "/dev/ttyACM97")
 
 
+@pytest.mark.whole
 def test_a_missing_sensor_is_told_before_anything_moves(refused, sensor, tmp_path):
     with VirtualGantryProcess(RIG, seed=0) as gantry:
         # No socket, a sensor that says nothing, and one that sees nothing.
@@ -358,6 +360,7 @@ def test_a_sensor_whose_process_ends_in_flight_is_told_by_its_own_words(here, se
     assert "(sensor_lost): the plant process stopped sending range samples" in err
 
 
+@pytest.mark.whole
 def test_a_terminal_that_closes_is_nobodys_concern_under_nohup(here):
     CLI.insert(0, "nohup")
     try:
@@ -383,6 +386,7 @@ def attended():
     signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_polite_kill_lands_and_closes_the_log(here, attended, number):
     run = started("--virtual", "--seconds", 900, "--log", "f.mcap")

@@ -149,6 +149,7 @@ def test_a_model_that_is_far_too_slow_is_flown_without_in_real_time(rig_file, tm
     assert set(flying[LATE_LIMIT:]) == {"DEGRADED"}
 
 
+@pytest.mark.whole
 def test_ctrl_c_lands_closes_the_log_and_says_130_in_little_memory(rig_file, tmp_path):
     log, told = tmp_path / "flight.mcap", tmp_path / "run.json"
     run = started("--virtual", "--seconds", 900, "--rig", rig_file, "--log", log, "--json", told)
@@ -258,6 +259,7 @@ def test_a_virtual_gantry_with_another_truth_and_hooks_flies_too(tmp_path, monke
     assert late.mean() > 0.2
 
 
+@pytest.mark.whole
 def test_hooks_of_the_current_folder_are_found_by_the_installed_command(rig_file, tmp_path):
     here, elsewhere = tmp_path / "here", tmp_path / "bin"
     here.mkdir()

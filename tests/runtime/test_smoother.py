@@ -137,6 +137,7 @@ def test_it_is_the_dense_least_squares_solution(model: ForceModel) -> None:
     np.testing.assert_allclose(result.speed_mps, speed, atol=1e-4)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("model", MODELS)
 def test_stated_standard_deviations_are_the_errors(model: ForceModel) -> None:
     scores, heights = [], []
@@ -191,6 +192,7 @@ def test_causal_estimates_do_not_look_ahead() -> None:
     assert np.abs(after.speed_mps - before.speed_mps)[early].max() > 1e-3
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     "model", [ForceModel(0.2, 0.25, 0.004), ForceModel(0.4, 0.5, 0.0056, activity=0.99)]
 )

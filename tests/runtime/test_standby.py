@@ -61,6 +61,7 @@ def test_a_word_ends_it_and_is_gone(opened, tmp_path):
     assert not word.exists()
 
 
+@pytest.mark.whole
 def test_it_greets_the_board_again_and_again_which_disarms_it(opened, tmp_path):
     link, ranges = opened
     assert link.arm(arm_limits(RIG)).armed  # by a run that was killed
@@ -168,6 +169,7 @@ def standing_by(rig_file, word):
     return run
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -119,6 +119,7 @@ def test_the_constant_is_the_training_flights_mean() -> None:
     assert mean_force(data)(np.zeros((4, 1))).tolist() == [[2.0, -3.0]] * 4
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("short_episodes")
 def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
     from wakedeploy.study import sets

@@ -65,6 +65,7 @@ def test_both_panels_are_square_and_share_one_scale() -> None:
     assert [line.get_label() for line in time.lines] == ["truth", "agile-mlp", "gru"]
 
 
+@pytest.mark.slow
 def test_what_is_shown_has_the_r2_that_is_told(tmp_path: Path, recordings: Path) -> None:
     data = import_set(recordings / "fish")
     names = ["agile-mlp", "esn"]
@@ -83,6 +84,7 @@ def test_what_is_shown_has_the_r2_that_is_told(tmp_path: Path, recordings: Path)
     assert losses["esn"] == min(tried)  # the best of the scales that are tried
 
 
+@pytest.mark.whole
 def test_the_command_draws_the_scatter(tmp_path: Path, recordings: Path, monkeypatch) -> None:
     from trainers import build
 

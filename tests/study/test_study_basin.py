@@ -207,6 +207,7 @@ def test_the_flag_follows_the_foil_as_measured_at_the_camera_rate(recordings: Pa
     assert found.correlation[10] == pytest.approx(0.879, abs=0.01)
 
 
+@pytest.mark.whole
 def test_the_command_tells_where_each_start_ended(tmp_path: Path, recordings: Path) -> None:
     told = CliRunner().invoke(
         basin, ["--quick", "--recordings", str(recordings), "--out", str(tmp_path)]

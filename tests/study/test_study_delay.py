@@ -60,6 +60,7 @@ def late_set(steps: int, domain: str = "toy") -> EpisodeSet:
 CASE = Case(Domain("toy", "force_z_n"), "toy", SPEED_MPS)
 
 
+@pytest.mark.whole
 def test_the_learned_delay_is_the_one_that_the_force_has(tmp_path: Path) -> None:
     every = [
         line for steps in (3, 7) for line in learned(CASE, late_set(steps), 1, tmp_path, epochs=25)
@@ -80,6 +81,7 @@ def test_the_learned_delay_is_the_one_that_the_force_has(tmp_path: Path) -> None
     assert found.off_s == pytest.approx(np.mean([x.delay_s for x in lines]) - 0.25, abs=0.001)
 
 
+@pytest.mark.whole
 def test_attention_peaks_where_the_force_comes_from(tmp_path: Path) -> None:
     look = attended(CASE, late_set(6), 1, tmp_path, epochs=25)
     assert look.ages_s[0] == pytest.approx(0.5)
@@ -110,6 +112,7 @@ def test_untrained_models_look_where_they_are_told_to_begin() -> None:
         kernels(fresh("gru"), tape)
 
 
+@pytest.mark.whole
 def test_a_set_flies_in_the_world_that_it_is_given() -> None:
     near = make_set(minutes=0.1, seed=3, world=World(separation_m=1.5))
     assert near.provenance["world"]["separation_m"] == 1.5
@@ -249,6 +252,7 @@ def test_how_far_the_seeds_peaks_lie_apart_is_told() -> None:
     assert rows[0][columns.index("over the seeds [s]")] == "0.300 to 0.400"
 
 
+@pytest.mark.whole
 def test_the_command_writes_figures_tables_and_a_page(tmp_path: Path) -> None:
     sets = tmp_path / "sets"
     for name in ("downwash", "gantry"):

@@ -53,6 +53,7 @@ def delayed_set() -> EpisodeSet:
                       (1.0,), split, tuple(made))  # fmt: skip
 
 
+@pytest.mark.whole
 def test_memory_loses_nothing_up_to_the_delay_and_then_what_an_ar1_series_loses(tmp_path) -> None:
     data = delayed_set()
     for steps in (0, 4, 8):
@@ -73,6 +74,7 @@ def test_memory_loses_nothing_up_to_the_delay_and_then_what_an_ar1_series_loses(
             assert found["scored"] == 3 * (SAMPLES - data.warm_up_steps - steps)
 
 
+@pytest.mark.whole
 def test_the_truth_of_a_flight_flown_before_is_the_truth_and_a_lead_shifts_it() -> None:
     seeds = [FIRST_SEED, FIRST_SEED + 1]
     settled = round(SETTLED_S * RATE_HZ)
@@ -89,6 +91,7 @@ def test_the_truth_of_a_flight_flown_before_is_the_truth_and_a_lead_shifts_it() 
     assert ended == 0
 
 
+@pytest.mark.slow
 def test_the_gantrys_limits_are_those_of_its_own_sweep(monkeypatch) -> None:
     monkeypatch.setattr("wakedeploy.domains.gantry_lead._FIRST_SEED", FIRST_SEED)
     scores = sweep(default_rig(), [0.0, 0.1], flights=2, seconds=5.0)

@@ -120,6 +120,7 @@ def test_the_headline_names_who_is_unbeaten_most_often() -> None:
     )
 
 
+@pytest.mark.whole
 def test_every_architecture_has_a_point_and_a_name_in_each_panel() -> None:
     rng = np.random.default_rng(0)
     points = [point(a, tuple(rng.uniform(0.1, 0.9, 3)), int(rng.integers(2e3, 9e4)),
@@ -184,6 +185,7 @@ def flown(packages: list[Path], *, ticks: int, progress, rounds: list[int]) -> l
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:
     rounds: list[int] = []
     monkeypatch.setattr("runtime.bench.bench_latency", partial(flown, rounds=rounds))
@@ -225,6 +227,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
     assert "On gantry, none beats" in told.output
 
 
+@pytest.mark.whole
 def test_the_study_trains_nothing_that_domains_has_trained(tmp_path, monkeypatch) -> None:
     rounds: list[int] = []
     monkeypatch.setattr("runtime.bench.bench_latency", partial(flown, rounds=rounds))

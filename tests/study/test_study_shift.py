@@ -79,6 +79,7 @@ def test_of_models_that_fly_alike_no_order_is_ever_said_to_turn() -> None:
     assert verdicts.count(None) >= 19
 
 
+@pytest.mark.slow
 def test_only_the_physics_differs_between_spreads() -> None:
     crew = Crew([], Always((0.0, -0.5)))
     both = fly_shifted({0.1: crew, 0.5: crew}, 2, 1.0)
@@ -102,6 +103,7 @@ def test_only_the_physics_differs_between_spreads() -> None:
     assert np.abs(moved[0]).max() <= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_episodes")
 def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
     from wakedeploy.study import sets, shift

@@ -60,6 +60,7 @@ def measured(tmp_path_factory) -> tuple[EpisodeSet, list[Seen]]:
     return data, measure(data, "force", ["history-mlp", "gru"], 1, folder, epochs=25)
 
 
+@pytest.mark.slow
 def test_a_past_shorter_than_the_delay_is_worth_what_an_ar1_series_says(measured) -> None:
     _, points = measured
     for point in points:
@@ -73,6 +74,7 @@ def test_a_past_shorter_than_the_delay_is_worth_what_an_ar1_series_says(measured
         assert point.r2_low < point.r2 < point.r2_high
 
 
+@pytest.mark.slow
 def test_the_shortest_that_suffices_is_the_delay(measured) -> None:
     data, points = measured
     steps = sorted({p.samples - 1 for p in points if p.samples is not None})
@@ -89,6 +91,7 @@ def test_the_shortest_that_suffices_is_the_delay(measured) -> None:
     assert "The wake is under way" not in sentence("toy", points, data.rate_hz)
 
 
+@pytest.mark.slow
 def test_every_past_is_scored_on_the_same_samples(measured) -> None:
     data, points = measured
     longest = max(seen.warm_up_steps for seen in windows(data))
@@ -214,6 +217,7 @@ def test_a_model_that_loses_to_the_present_alone_is_told_so() -> None:
     assert "by the past: 0.79 of the standard deviation with it, 0.80 without" in told
 
 
+@pytest.mark.slow
 def test_states_and_histories_have_the_bytes_that_are_kept(measured) -> None:
     data, points = measured
     assert {p.bytes for p in points if p.arch == "gru"} == {4 * 128}  # float32, hidden units
@@ -272,6 +276,7 @@ def test_the_memoryless_alone_is_refused(tmp_path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.whole
 def test_a_reservoir_is_chosen_on_validation_as_in_every_study(tmp_path) -> None:
     data = delayed_set()
     points = measure(data, "force", ["esn"], 1, tmp_path, epochs=2)
@@ -284,6 +289,7 @@ def test_a_reservoir_is_chosen_on_validation_as_in_every_study(tmp_path) -> None
     }  # fmt: skip
 
 
+@pytest.mark.whole
 def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
     data = delayed_set()
     data = EpisodeSet("gantry", *list(vars(data).values())[1:])

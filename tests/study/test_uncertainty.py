@@ -46,6 +46,7 @@ def test_over_seeds_the_mean_and_its_interval_are_told() -> None:
     assert other.high < both.low < both.value < both.high < one.low
 
 
+@pytest.mark.whole
 def test_intervals_of_correlated_errors_hold_the_truth_as_often_as_they_say() -> None:
     rng = np.random.default_rng(1)
     n, runs, noise_sd = 2000, 100, 0.5

@@ -155,6 +155,7 @@ def record(tmp_path: Path) -> Record:
     return Record(tmp_path)
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("patient")
 def test_a_worker_killed_in_mid_sweep_loses_nothing_and_repeats_only_what_it_was_at(
     machines: Machines, record: Record, small: Path, tmp_path: Path, lines: Callable
@@ -212,6 +213,7 @@ def test_a_worker_killed_in_mid_sweep_loses_nothing_and_repeats_only_what_it_was
     assert (again.begun, len(lines(out))) == (0, 13)
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("patient")
 def test_a_scheduler_that_is_lost_ends_the_sweep_with_a_sentence(
     machines: Machines,
@@ -235,6 +237,7 @@ def test_a_scheduler_that_is_lost_ends_the_sweep_with_a_sentence(
     assert (out / "results.csv").exists()
 
 
+@pytest.mark.whole
 def test_an_unusable_cluster_is_told_before_anything_is_written(
     machines: Machines, small: Path, tmp_path: Path, wakedeploy: Callable,
     monkeypatch: pytest.MonkeyPatch,
@@ -350,6 +353,7 @@ def test_a_job_whose_set_is_another_on_the_worker_is_told(
     assert "small is not the set that this sweep began with" in changed["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("patient")
 def test_of_workers_that_join_later_those_that_fit_get_jobs(
     machines: Machines, record: Record, small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -124,6 +124,7 @@ minutes = 0.5
 """
 
 
+@pytest.mark.slow
 def test_a_generated_set_is_trained_on_and_made_again_where_it_is_gone(
     tmp_path: Path, wakedeploy: Callable, lines: Callable
 ) -> None:
@@ -334,6 +335,7 @@ def test_a_set_that_changed_under_the_sweep_is_told(
     assert "small is not the set that this sweep began with" in outcome.row["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("killed", [signal.SIGINT, signal.SIGKILL])
 def test_a_stopped_sweep_keeps_its_rows_and_goes_on(
     killed: signal.Signals, small: Path, tmp_path: Path, wakedeploy: Callable, lines: Callable

@@ -20,12 +20,14 @@ def r2(fish: EpisodeSet, arch: str, root: Path) -> float | None:
     return run.metrics.test.r2["flag_tip_m"]
 
 
+@pytest.mark.whole
 def test_without_memory_half_of_the_variance_stays_unexplained(
     fish: EpisodeSet, tmp_path: Path
 ) -> None:
     assert r2(fish, "agile-mlp", tmp_path) == pytest.approx(0.56, abs=0.04)
 
 
+@pytest.mark.whole
 def test_a_window_explains_most_of_it(fish: EpisodeSet, tmp_path: Path) -> None:
     assert r2(fish, "history-mlp", tmp_path) > 0.93
 

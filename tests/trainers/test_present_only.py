@@ -54,6 +54,7 @@ def test_steps_are_whole_rollouts(arch: str) -> None:
     assert told == pytest.approx(whole.numpy(), abs=1e-5)
 
 
+@pytest.mark.whole
 def test_a_force_that_follows_a_hidden_past_cannot_be_learned(tmp_path) -> None:
     data = two_channels()
     rmse = {}
@@ -96,6 +97,7 @@ def two_channels() -> EpisodeSet:
                       (Channel("force", "N"),), 0.5, (1.0,), split, tuple(episodes))  # fmt: skip
 
 
+@pytest.mark.whole
 def test_a_reservoir_without_the_hidden_past_is_solved_like_any_other(tmp_path) -> None:
     """The force is the past of "own", which only the others may see; then its square, at once."""
     rmse = {}

@@ -184,6 +184,7 @@ def assert_tensorboard_was_told(folder: Path) -> None:
     assert (rmse.step, rmse.value) == (metrics.best_epoch, pytest.approx(metrics.test.rmse["f_n"]))
 
 
+@pytest.mark.whole
 @needs_tensorboard
 def test_tensorboard_reads_back_every_field(data_folder: Path, tmp_path: Path) -> None:
     from tensorboard.plugins.hparams import metadata

@@ -178,6 +178,7 @@ def test_runs_of_another_domain_are_refused_with_both_channel_lists(
     assert "u [N], idle [1], the set has idle [1], u [N]" in " ".join(done.output.split())
 
 
+@pytest.mark.whole
 def test_in_a_pipe_training_and_scoring_tell_how_far_they_are(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

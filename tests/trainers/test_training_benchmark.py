@@ -34,6 +34,7 @@ def plain_of(data: EpisodeSet, arch: str) -> PlainLoop:
     return PlainLoop(config, *tapes(data, 0.0), total=1000)
 
 
+@pytest.mark.whole
 def test_both_start_from_the_same_weights_and_see_as_many_targets(echo: EpisodeSet) -> None:
     result = measured(echo, ["agile-mlp", "history-mlp", "gru"], 2, 1)
     for row in result["rows"]:
@@ -52,6 +53,7 @@ def test_both_start_from_the_same_weights_and_see_as_many_targets(echo: EpisodeS
     assert table(result["rows"]).count("\n") == 1 + 3
 
 
+@pytest.mark.whole
 def test_two_trainings_at_once_are_counted_together(echo: EpisodeSet) -> None:
     told = at_once(config_of(echo, "gru"), echo, 2)
     assert told["cores"] == 2

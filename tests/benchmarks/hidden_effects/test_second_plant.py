@@ -201,6 +201,7 @@ def fly(make: Callable[[], GantryPlant | SecondPlant], seed: int, seconds: float
     return RunLog.from_rows(rows.rows)
 
 
+@pytest.mark.whole
 def test_the_rigs_loop_flies_it_as_it_flies_the_first_plant() -> None:
     first = fly(lambda: GantryPlant(RIG, seed=5), 5, 12.0)
     other = fly(lambda: SecondPlant(Constants(), seed=5), 5, 12.0)
@@ -213,6 +214,7 @@ def test_the_rigs_loop_flies_it_as_it_flies_the_first_plant() -> None:
     )
 
 
+@pytest.mark.whole
 def test_a_flight_repeats_by_seed() -> None:
     flights = [fly(lambda s=s: SecondPlant(Constants(), seed=s), 2, 6.0) for s in (2, 2, 3)]
     assert np.array_equal(flights[0]["range_m"], flights[1]["range_m"], equal_nan=True)

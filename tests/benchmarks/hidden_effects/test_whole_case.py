@@ -110,6 +110,7 @@ def test_the_truth_is_nowhere_in_what_the_workflow_was_given(
     assert told["effects"][HIDDEN] == STRONG.effects[HIDDEN]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["first", "second"])
 def test_both_pilots_fly_the_hidden_plant_on_the_same_references(plant: Any) -> None:
     late = replace(STRONG, plant=plant, effects={"command-latency": {"latency_s": 0.03}})
@@ -123,6 +124,7 @@ def test_both_pilots_fly_the_hidden_plant_on_the_same_references(plant: Any) -> 
     assert alike["before"]["low"] is None
 
 
+@pytest.mark.whole
 def test_a_flight_that_a_failsafe_ends_has_no_error() -> None:
     heavy = default_rig().changed(sufferer={"mass_kg": 0.9})  # hovers above the limit
     told = compared(STRONG, Pilot(STRONG.model_rig), Pilot(heavy), seeds=(5,), seconds=6.0)

@@ -442,6 +442,7 @@ def test_flights_of_px4_at_one_rate(name: str) -> None:
     assert one.rate_hz == pytest.approx(50.0)
 
 
+@pytest.mark.whole
 def test_motor_stands_with_dates_and_with_columns_of_their_own_pace() -> None:
     motor = recordings_of("motor")
     dates = '[time]\ncolumn = "Timestamp"\nformat = "%Y-%m-%d %H:%M:%S:%f"\n'

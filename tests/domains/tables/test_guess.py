@@ -171,7 +171,7 @@ def arrays(q_t: str, cmd_t: str, q: str = "q", cmd: str = "cmd") -> dict[str, An
     return {q_t: t, q: np.arange(500.0), cmd_t: 1000 * command_t, cmd: np.sin(command_t)}
 
 
-@pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
+@pytest.mark.parametrize("kind", ["npz", "mat", pytest.param("h5", marks=pytest.mark.whole)])
 @pytest.mark.parametrize(
     ("q_t", "cmd_t"),
     [("t", "cmd_time_ms"), ("t_q", "t_cmd_ms"), ("time", "x"), ("q_t", "cmd_t")],
@@ -192,6 +192,7 @@ def test_clocks_of_several_lengths_in_one_file_are_those_of_their_columns(
     )
 
 
+@pytest.mark.whole
 def test_a_column_has_the_clock_of_its_group_and_of_its_words(tmp_path: Path) -> None:
     """Three clocks, two of one length that tell other times."""
     t = np.arange(400) / 40

@@ -384,6 +384,7 @@ class Clustered:
         return Score(norm.logpdf(e), e, one, one)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("shared_sd", [0.0, 0.25, 1.0])
 def test_intervals_hold_the_truth_as_often_as_they_say(shared_sd: float) -> None:
     """Also where flights differ by as much as the noise within one makes their means differ."""

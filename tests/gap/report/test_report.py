@@ -85,6 +85,7 @@ def full(tmp_path_factory):
     return out, read_page(write_report(out))
 
 
+@pytest.mark.whole
 def test_every_figure_is_drawn_embedded_and_not_blank(full):
     out, reader = full
     names = {f"{each.name}.png" for each in PICTURES}
@@ -98,12 +99,14 @@ def test_every_figure_is_drawn_embedded_and_not_blank(full):
         assert pixels.std() > 0.03  # ink on paper
 
 
+@pytest.mark.whole
 def test_each_row_of_the_ranking_says_its_gain(full):
     page = (full[0] / "report.html").read_text("utf-8")
     assert re.search(r"<title>spool-lag-sufferer: \d+ nats \(\d+ to \d+\)</title>", page)
     assert page.count("On top of ") >= 2
 
 
+@pytest.mark.whole
 def test_the_page_tells_verdict_value_and_share_closed(full):
     text = " ".join(full[1].text)
     assert "Missing from the model: the sufferer's rotor speed follows its command" in text
@@ -116,6 +119,7 @@ def test_the_page_tells_verdict_value_and_share_closed(full):
     assert "Next step" not in text
 
 
+@pytest.mark.whole
 def test_an_unfinished_folder_says_which_step_comes_next(tmp_path):
     fabricate(tmp_path, maps=1, upto="find")
     text = "".join(read_page(write_report(tmp_path)).text)
@@ -132,6 +136,7 @@ def test_an_empty_folder_begins_with_find(tmp_path):
     assert not (tmp_path / "figures").exists()
 
 
+@pytest.mark.whole
 def test_no_effect_needs_no_further_step_and_leaves_no_old_figure(tmp_path):
     stale = tmp_path / "figures" / "before_after.png"
     stale.parent.mkdir()
@@ -143,6 +148,7 @@ def test_no_effect_needs_no_further_step_and_leaves_no_old_figure(tmp_path):
     assert not stale.exists()
 
 
+@pytest.mark.whole
 def test_what_is_not_finite_becomes_a_dash_and_what_is_text_stays_text(tmp_path):
     evil = "<script>alert('$x_1$ & \"q\"')</script>"
     artefacts = fabricate(tmp_path, "class", maps=1)

@@ -101,6 +101,7 @@ def test_the_first_screen_says_what_the_effect_is_and_has_numbers_and_a_command(
         assert page.count(f'id="{anchor}"') == 1
 
 
+@pytest.mark.whole
 def test_what_is_left_beyond_noise_is_said_on_the_first_screen(friction, tmp_path) -> None:
     left = "What is left is still more than noise"
     assert left in friction[1].partition(" In detail effect ")[0]
@@ -117,6 +118,7 @@ def test_constants_stand_beside_what_the_system_states(tmp_path: Path) -> None:
         assert f">{cell}</" in page
 
 
+@pytest.mark.whole
 def test_no_place_beside_large_residuals_is_no_agreement(friction, tmp_path) -> None:
     assert "No single place stands out (q ≤ 0.05; the clearest has q = 0.3)" in friction[1]
     assert "the mean residual over a part of a coordinate reaches 31 mm (cart_m)" in friction[1]

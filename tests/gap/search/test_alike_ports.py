@@ -100,6 +100,7 @@ def test_what_both_sides_lack_is_named_at_both(hidden, names, size, truth):
         )
 
 
+@pytest.mark.slow
 def test_one_constant_that_explains_both_sides_is_named_alone():
     """A kind at both motors gains as much, and takes two sizes for it."""
 

@@ -88,6 +88,7 @@ def test_what_a_port_leaves_out_is_what_would_make_sense_there():
     assert not_offered(Slider(), "speed_mps", {}) == []
 
 
+@pytest.mark.whole
 def test_a_law_is_asked_for_where_hardly_a_push_is_left():
     """Constants and noise have taken the friction in; its law still makes forecasts better."""
     model = slid(1.0)
@@ -98,6 +99,7 @@ def test_a_law_is_asked_for_where_hardly_a_push_is_left():
     assert left.law.removes > RULES.unexplained_share
 
 
+@pytest.mark.whole
 def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing):
     told = named(rubbing, fitted_base(rubbing))
     assert (verdict_of(told), told.found.hypothesis) == ("unknown", ())
@@ -140,6 +142,7 @@ class Loaded(Slider):
         return {"speed_mps": (inputs.force_n + forces.get("speed_mps", 0.0)) / c.mass_kg}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Stepped, Loaded])
 def test_a_law_shows_in_any_form_of_a_system(rubbing, kind):
     log = rubbing.logs[0]
@@ -154,6 +157,7 @@ def test_a_law_shows_in_any_form_of_a_system(rubbing, kind):
     assert left.law.low > 0.5
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("gusts_mps2", "verdict"), [(0.4, "none"), (4.0, "unknown")])
 def test_a_disturbance_that_follows_nothing_is_no_missing_effect(gusts_mps2, verdict):
     """Gusts of an eighth of a second; as large as all that is known, they are something unknown."""
@@ -184,6 +188,7 @@ def test_a_disturbance_that_follows_nothing_is_no_missing_effect(gusts_mps2, ver
     assert any("a disturbance acts so" in line for line in sentences(answer_of(told)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("offset_n", "found", "judged"),
     [
@@ -218,6 +223,7 @@ def test_a_trifle_of_the_gap_that_there_was_is_told_and_not_named(offset_n, foun
     assert last.forecast.share > 0.3
 
 
+@pytest.mark.whole
 def test_what_makes_forecasts_of_sealed_episodes_worse_is_withdrawn():
     """The input comes late until the last quarter begins, which alone is sealed."""
     rng = np.random.default_rng(5)
@@ -242,6 +248,7 @@ class LateSlider(Slider):
     ports: ClassVar = [Port.input("force_n", kinds=["dead-time", "lag"])]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("refused", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_search_goes_on_once_without_what_sealed_episodes_refuse(
     refused, monkeypatch: pytest.MonkeyPatch
@@ -306,6 +313,7 @@ def test_a_channel_without_an_error_decides_nothing(monkeypatch):
     assert not weighing.helps(None, "before", "after", ())  # forecasts are clearly worse
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("mass_kg", "last"),
     [
@@ -410,6 +418,7 @@ def _evident(name):
     )
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("leftover_of", "rounds", "is_begun"),
     [

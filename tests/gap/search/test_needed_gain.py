@@ -58,6 +58,7 @@ def test_the_more_effects_are_tried_the_steadier_one_has_to_be():
     assert needed_nats(effect, CHANCE, 500) == CHANCE.nats
 
 
+@pytest.mark.whole
 def test_gains_of_noise_are_seldom_steady():
     """Of searches over forty effects without any truth, about one in a hundred has a steady one."""
     rng = np.random.default_rng(3)

@@ -70,6 +70,7 @@ def driven(seconds=10.0, lag_s=0.16):
     return Recording("belt", np.arange(n) / RATE, {"drive_v": held, "reading_v": shown})
 
 
+@pytest.mark.slow
 def test_an_effect_is_found_whose_lack_has_bent_the_constants():
     model = LogModel(Belt(), [driven()])
     base = fitted_base(model)
@@ -93,6 +94,7 @@ def test_constants_that_were_measured_need_no_second_beginning():
     assert begun_anew(model, fitted_base(model), list(model.effects)) == {}
 
 
+@pytest.mark.slow
 def test_the_gap_before_is_that_of_the_base_from_which_effects_were_found(tmp_path, monkeypatch):
     """`find` fitted a worse one; what that had left to rise is no effect's merit."""
     model = LogModel(Belt(), [driven(4.0)])

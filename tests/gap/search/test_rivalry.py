@@ -206,6 +206,7 @@ class Joint(System):
         return {"speed_radps": inputs.torque_nm / c.inertia_kgm2}
 
 
+@pytest.mark.slow
 def test_nothing_is_named_on_a_model_that_forecasts_worse_than_none():
     rng = np.random.default_rng(2)
     time_s = np.arange(640) / RATE
@@ -282,6 +283,7 @@ class Resonator(System):
         return {"way": state.speed, "speed": pull - c.damping * state.speed}
 
 
+@pytest.mark.whole
 def test_a_constant_that_nobody_has_measured_is_found_from_far_away():
     rng = np.random.default_rng(3)
     drive = np.repeat(rng.choice([-1.0, 1.0], 40), 15)

@@ -87,6 +87,7 @@ def fitted_alone(system: System):
     return correction_of(model, fit(model, (), range(model.episodes)))
 
 
+@pytest.mark.whole
 def test_it_has_the_constants_that_nobody_has_measured_and_no_other(tmp_path: Path) -> None:
     kept = fitted_alone(Slide())
     assert list(kept.document.constants) == ["push_n_per_v"]
@@ -125,6 +126,7 @@ def misstamped(seed: int, late: float) -> Recording:
     return Recording("misstamped", np.arange(len(volts)) / 50.0, columns)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("late", [0.4, -0.4])
 def test_it_has_when_an_input_acts_within_a_sample(tmp_path: Path, late: float) -> None:
     """Without that a log of the same recorder replays worse."""
@@ -141,6 +143,7 @@ def test_it_has_when_an_input_acts_within_a_sample(tmp_path: Path, late: float) 
     assert error < 0.1 * without
 
 
+@pytest.mark.whole
 def test_it_leaves_a_system_whose_constants_are_known_as_it_is() -> None:
     kept = fitted_alone(Measured())
     assert kept.is_empty
@@ -151,6 +154,7 @@ def test_it_leaves_a_system_whose_constants_are_known_as_it_is() -> None:
     )
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("spread", ["spread=0.1", "spread=math.inf"])
 def test_the_command_says_what_it_keeps(tmp_path: Path, spread: str) -> None:
     """An earlier correction, which would pass for this one's, is gone."""

@@ -82,7 +82,10 @@ def replayed(system: System, force_n: np.ndarray, position_m: np.ndarray) -> np.
     return states[0]
 
 
-@pytest.mark.parametrize(("sled", "off"), [(Sled, 0.01), (SteppedSled, 0.01)])
+@pytest.mark.whole
+@pytest.mark.parametrize(
+    ("sled", "off"), [(Sled, 0.01), pytest.param(SteppedSled, 0.01, marks=pytest.mark.slow)]
+)
 @given(seed=st.integers(0, 2**31))
 @settings(max_examples=20)
 def test_a_sled_slides_sticks_and_is_let_go_as_in_small_steps(sled, off, seed):
@@ -102,6 +105,7 @@ def knowing(sled, friction_n=FRICTION_N, spread=0.0):
     return type(sled.__name__, (sled,), {"constants": constants, "ports": [port]})()
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("sled", [Sled, SteppedSled])
 @given(seed=st.integers(0, 2**31))
 @settings(max_examples=10)
@@ -115,6 +119,7 @@ def test_friction_that_a_model_knows_of_acts_as_in_small_steps(sled, seed):
     assert replay == pytest.approx(position_m, abs=most)
 
 
+@pytest.mark.slow
 def test_the_size_of_a_known_friction_is_fitted_and_no_other_is_named():
     random = np.random.default_rng(5)
     force_n = np.repeat(random.normal(0.0, 8.0, 80), 12)

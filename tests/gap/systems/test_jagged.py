@@ -47,10 +47,11 @@ def _model(period: int = 1, step_n: float = 0.0) -> LogModel:
     return LogModel(Slider(), [Recording("log", t, {"force_n": command, "x_m": shown})])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "hidden", "size"),
     [
-        (HOLD, {"period": 6}, 0.06),
+        pytest.param(HOLD, {"period": 6}, 0.06, marks=pytest.mark.slow),
         pytest.param(HOLD, {"period": 13}, 0.13, marks=pytest.mark.slow),
         (STEPS, {"step_n": 7.0}, 7.0),
     ],

@@ -64,6 +64,7 @@ def recorded(seed: int) -> Recording:
     return Recording(f"day {seed}", np.arange(len(pump)) / 10.0, columns)
 
 
+@pytest.mark.slow
 def test_a_discrete_system_names_an_effect_of_the_user_s_own_over_several_logs(tank: Path) -> None:
     model = LogModel(read_system(tank), [recorded(0), recorded(1)])
     assert {block.log for block in model.blocks} == {0, 1}
@@ -80,6 +81,7 @@ def test_a_discrete_system_names_an_effect_of_the_user_s_own_over_several_logs(t
     assert np.sqrt(np.mean(off**2)) < 0.01
 
 
+@pytest.mark.whole
 def test_what_had_finished_before_it_was_stopped_is_kept(
     tank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

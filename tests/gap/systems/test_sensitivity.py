@@ -44,12 +44,14 @@ def test_a_sensor_s_limit_is_looked_for_at_its_largest_reading(model):
     assert limit.unit == "m"
 
 
+@pytest.mark.whole
 def test_no_effect_moves_outputs_by_more_than_they_could_move(model):
     """All samples off by the whole range are 400 times 0.5 m over the noise, together."""
     told = {row.name: row for row in rows(model, checked_base(model))}
     assert told["sensor-saturation@position_m"].moved < 1e9
 
 
+@pytest.mark.whole
 def test_a_limit_has_no_size_from_which_it_would_be_named(model):
     base = checked_base(model)
     assert [e.name for e in power(model, base).effects] == ["sensor-bias@position_m"]

@@ -75,6 +75,7 @@ def leading(force) -> Candidate:
     return best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss_spm", [0.0, pytest.param(3.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("kind", "limit_m", "sign"),
@@ -219,6 +220,7 @@ def test_one_reading_that_strays_is_no_end_of_the_way():
     assert sizes["lowest position_m"] > 5.0
 
 
+@pytest.mark.whole
 def test_a_correction_keeps_the_ends_of_the_way_and_refuses_a_size_below_zero(tmp_path):
     """The rail reaches to the other side of zero; a size of anything else is from zero."""
 

@@ -254,6 +254,7 @@ def test_a_constant_is_not_blamed_for_points_at_which_no_value_gives_a_number():
     assert system.constant("buoyancy_n").bounds == (-8.5, 7.5)
 
 
+@pytest.mark.whole
 def test_a_gain_of_the_wrong_sign_is_found_where_its_spread_lets_it_turn():
     """Of logs alone: the slope of what is shown over what drives it is 1.5, and stated as −0.5."""
     system = checked(

@@ -65,6 +65,7 @@ def base(model: LogModel):
     return fitted_base(model)
 
 
+@pytest.mark.slow
 def test_an_effect_of_the_size_that_is_told_gains_what_was_told(model, base) -> None:
     """Mean gain of fits to logs that have it: the threshold, and what makes it sure beside it."""
     told = power(model, base, (DRAG,))
@@ -81,6 +82,7 @@ def test_an_effect_of_the_size_that_is_told_gains_what_was_told(model, base) -> 
     assert told.effects[0].matters < size
 
 
+@pytest.mark.whole
 def test_fast_jumps_tell_a_lag_from_a_dead_time(model, base) -> None:
     """Their phases part at high frequencies: slow motion looks the same with both."""
     sizes = {LAG: (0.03,), DEAD_TIME: (0.03,)}
@@ -144,6 +146,7 @@ class Driven(Mass):
     inputs = [*Mass.inputs, Input("battery_v", "V", is_commanded=False)]
 
 
+@pytest.mark.whole
 def test_only_inputs_that_can_be_commanded_are_moved() -> None:
     made = recorded(0)
     battery = 12.0 + 0.1 * np.sin(made.time_s)
@@ -162,6 +165,7 @@ def test_a_system_that_nobody_commands_has_nothing_to_plan(model) -> None:
         require_names(LogModel(held(), [recorded(0)]), (LAG,))
 
 
+@pytest.mark.slow
 def test_no_input_tells_a_delay_before_the_only_input_from_one_behind_the_only_output() -> None:
     """Whatever is recorded, both delay all of it; a fast input shows how each is computed."""
     behind = "sensor-dead-time@position_m"

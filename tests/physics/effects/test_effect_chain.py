@@ -119,6 +119,7 @@ def test_a_rigs_effects_on_constants_are_folded_into_what_its_model_believes() -
     assert believed(RIG) is RIG
 
 
+@pytest.mark.whole
 def test_a_corrected_rig_flies_as_one_whose_sections_were_corrected() -> None:
     lag = {"up_s": 0.12, "down_s": 0.2}
     truth = RIG.changed(spool={"sufferer": lag})
@@ -132,6 +133,7 @@ def test_a_corrected_rig_flies_as_one_whose_sections_were_corrected() -> None:
         assert not np.array_equal(by_section[name], ignorant[name])
 
 
+@pytest.mark.whole
 def test_a_known_range_bias_is_taken_off_by_the_estimator() -> None:
     rig = with_effects(RIG, range_bias={"bias_m": 0.05})
     errors_m = {}

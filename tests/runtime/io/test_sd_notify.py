@@ -192,6 +192,7 @@ def test_a_standby_flies_once_and_only_for_a_new_word(manager, rig_file, tmp_pat
     assert read_run_log(log).flying.sum() > 150
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("stop", [signal.SIGTERM, signal.SIGINT])
 def test_a_standby_that_is_stopped_never_flew(manager, rig_file, tmp_path, stop):
     log = tmp_path / "flight.mcap"

@@ -68,6 +68,7 @@ def test_a_calibration_error_of_the_stated_size_is_no_gap():
     assert watch.report.worst < 1.0
 
 
+@pytest.mark.whole
 def test_an_effect_in_the_rig_file_is_part_of_what_it_explains():
     def above_the_base(t_s, state):
         return 0.3 * state["sufferer_thrust_n"] / (1.0 + (state["z_m"] / 0.15) ** 2)
@@ -87,6 +88,7 @@ def test_an_effect_in_the_rig_file_is_part_of_what_it_explains():
     assert with_effect.report.worst < 1.0
 
 
+@pytest.mark.whole
 def test_a_belt_s_play_in_the_rig_file_is_part_of_what_it_explains():
     play = Effect(name="belt-backlash",
                   parameters={"backlash_m": EffectParameter(value=0.15, unit="m")})  # fmt: skip
@@ -98,6 +100,7 @@ def test_a_belt_s_play_in_the_rig_file_is_part_of_what_it_explains():
     assert with_effect.report.worst < 0.8
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("hold_s", [0.04, 0.07])
 def test_a_sensor_that_repeats_itself_as_the_rig_file_says_is_no_gap(hold_s: float) -> None:
     held = Effect(name="sample-and-hold",

@@ -91,6 +91,7 @@ COMMANDS = st.tuples(PULSE, PULSE, st.floats(-10, 10), PULSE, PULSE)
 SHORT = RIG.changed(limits={"brake_s": 0.05, "sink_s": 0.1, "sink_rate_us_per_s": 1000.0})
 
 
+@pytest.mark.whole
 @given(st.lists(st.tuples(COMMANDS, st.floats(0.001, 0.4)), min_size=1, max_size=8))
 def test_no_sequence_of_commands_passes_a_limit(
     sequence: list[tuple[tuple[float, float, float, float, float], float]],

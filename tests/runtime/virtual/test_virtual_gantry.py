@@ -44,6 +44,7 @@ def gantry():
         yield running
 
 
+@pytest.mark.whole
 def test_opening_the_port_reboots_the_board_and_a_command_is_answered(gantry):
     before_s = time.monotonic()
     with Link(gantry.port) as link:

@@ -55,6 +55,7 @@ def by_label(axes) -> dict[str, object]:
     return {line.get_label(): line for line in axes.lines}
 
 
+@pytest.mark.slow
 def test_training_leaves_both_pictures_with_each_seed(data_folder: Path, tmp_path: Path) -> None:
     done = wakedeploy(
         "train", "--data", data_folder, "--arch", "agile-mlp,esn", "--seeds", 2, "--epochs", 2,
@@ -226,6 +227,7 @@ def test_each_force_has_its_panels(echo: EpisodeSet, tmp_path: Path) -> None:
     assert axes[2].get_ylabel() == "[N·m]"
 
 
+@pytest.mark.whole
 def test_an_interrupted_training_leaves_pictures_so_far_and_the_resumed_one_the_whole(
     data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -256,6 +258,7 @@ def test_an_interrupted_training_leaves_pictures_so_far_and_the_resumed_one_the_
     assert len(metrics.training_history) == 4
 
 
+@pytest.mark.whole
 def test_a_finished_run_is_drawn_once_and_again_when_it_is_replaced(
     data_folder: Path, tmp_path: Path
 ) -> None:
@@ -276,6 +279,7 @@ def test_a_finished_run_is_drawn_once_and_again_when_it_is_replaced(
     )  # they were of another run
 
 
+@pytest.mark.whole
 def test_a_run_of_before_keeps_what_it_has_and_is_drawn(echo: EpisodeSet, tmp_path: Path) -> None:
     for arch, left in (("agile-mlp", NAMES), ("esn", NAMES[1:])):
         run = trained(echo, tmp_path, arch, hyper={"neurons": 40} if arch == "esn" else None)
@@ -287,6 +291,7 @@ def test_a_run_of_before_keeps_what_it_has_and_is_drawn(echo: EpisodeSet, tmp_pa
         assert tuple(path.name for path in paths) == left
 
 
+@pytest.mark.slow
 def test_pictures_change_nothing_of_what_is_trained(data_folder: Path, tmp_path: Path) -> None:
     asked = ("train", "--data", data_folder, "--arch", "gru,agile-mlp", "--epochs", 2)
     assert wakedeploy(*asked, "--out", tmp_path / "with").exit_code == 0
@@ -314,6 +319,7 @@ def test_a_picture_that_cannot_be_written_costs_no_result(
     assert "R² f_n" in done.output
 
 
+@pytest.mark.slow
 def test_nothing_that_trains_loads_the_drawing_library(data_folder: Path, tmp_path: Path) -> None:
     program = f"""
 import sys

@@ -97,6 +97,7 @@ def test_a_tape_is_predicted_as_its_episodes_are_one_by_one(arch: str, echo: Epi
         torch.testing.assert_close(together[part], alone, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.whole
 @settings(max_examples=30, deadline=None)
 @given(count=st.integers(1, 9), steps=st.integers(1, 80), seed=st.integers(0, 99))
 def test_lanes_play_episodes_in_order_and_score_each_sample_once(

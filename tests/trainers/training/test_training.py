@@ -297,6 +297,7 @@ def test_a_configuration_survives_its_file(echo: EpisodeSet) -> None:
     assert [c.max for c in config.observation] == pytest.approx(observed.max(0).tolist())
 
 
+@pytest.mark.whole
 def test_memory_beats_the_memoryless_where_the_force_is_an_echo(
     make_echo: Callable[..., EpisodeSet], tmp_path: Path
 ) -> None:
@@ -311,6 +312,7 @@ def test_memory_beats_the_memoryless_where_the_force_is_an_echo(
     assert min(r2[arch] for arch in r2 if arch != "agile-mlp") > 0.8, r2
 
 
+@pytest.mark.whole
 def test_a_lead_beyond_the_delay_asks_for_what_is_not_there_yet(
     make_echo: Callable[..., EpisodeSet], tmp_path: Path
 ) -> None:

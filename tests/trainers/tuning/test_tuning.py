@@ -126,6 +126,7 @@ def test_trials_train_where_they_are_told(
     assert [row.device for row in rows] == ["cuda", "cuda"]
 
 
+@pytest.mark.whole
 def test_the_test_episodes_are_looked_at_once_for_the_best_at_the_end(
     echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -150,7 +151,8 @@ def test_the_test_episodes_are_looked_at_once_for_the_best_at_the_end(
 # --- a study that goes on -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("arch", ["agile-mlp", "gru", "esn"])
+@pytest.mark.whole
+@pytest.mark.parametrize("arch", ["agile-mlp", pytest.param("gru", marks=pytest.mark.slow), "esn"])
 def test_a_study_in_two_sessions_is_the_study_in_one(
     arch: str, echo: EpisodeSet, tmp_path: Path
 ) -> None:
@@ -162,6 +164,7 @@ def test_a_study_in_two_sessions_is_the_study_in_one(
     assert len({str(t.params) for t in whole.trials}) == 14
 
 
+@pytest.mark.whole
 def test_an_interrupted_trial_is_begun_again_and_nothing_else_changes(
     echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

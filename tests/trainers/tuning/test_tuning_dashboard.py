@@ -24,6 +24,7 @@ def asked(port: int, path: str) -> Any:
         return json.load(reply)
 
 
+@pytest.mark.whole
 def test_the_dashboard_lists_the_study_and_its_trials(echo: EpisodeSet, tmp_path: Path) -> None:
     study = tuned(echo, tmp_path / "out", trials=3)
     with socket.socket() as probe:

@@ -142,6 +142,7 @@ def tune(data: EpisodeSet, folder: Path, address: str, *others: object) -> Resul
     return CliRunner().invoke(main, [str(one) for one in asked])
 
 
+@pytest.mark.whole
 def test_two_machines_share_a_study_in_the_database(
     echo: EpisodeSet, tmp_path: Path, address: str
 ) -> None:
@@ -172,6 +173,7 @@ def test_two_machines_share_a_study_in_the_database(
     )
 
 
+@pytest.mark.slow
 def test_two_machines_at_once_do_neither_more_trials_nor_the_paper_s_shape_twice(
     echo: EpisodeSet, tmp_path: Path, address: str
 ) -> None:
@@ -203,6 +205,7 @@ def test_two_machines_at_once_do_neither_more_trials_nor_the_paper_s_shape_twice
     assert [REFERENCE in trial.user_attrs for trial in trials] == [True, False, False]
 
 
+@pytest.mark.whole
 def test_the_turn_of_a_killed_process_is_over(tmp_path: Path, address: str) -> None:
     code = (
         "import sys, time; from pathlib import Path\n"
@@ -227,6 +230,7 @@ def test_the_turn_of_a_killed_process_is_over(tmp_path: Path, address: str) -> N
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_study_in_the_database_is_that_in_the_journal(
     echo: EpisodeSet, tmp_path: Path, address: str
 ) -> None:
@@ -236,6 +240,7 @@ def test_a_study_in_the_database_is_that_in_the_journal(
     assert [t.values for t in database.trials] == [t.values for t in journal.trials]
 
 
+@pytest.mark.whole
 def test_a_trial_whose_machine_fell_silent_is_begun_again(
     echo: EpisodeSet, tmp_path: Path, address: str
 ) -> None:
@@ -296,6 +301,7 @@ def test_a_folder_with_other_things_is_left_alone(
     assert [(path.name, path.read_text()) for path in work.out.iterdir()] == [(name, content)]
 
 
+@pytest.mark.whole
 def test_a_folder_with_nothing_but_trials_is_gone_on_in(
     echo: EpisodeSet, tmp_path: Path, address: str
 ) -> None:
@@ -308,6 +314,7 @@ def test_a_folder_with_nothing_but_trials_is_gone_on_in(
     assert len(work.begin().trials) == 2
 
 
+@pytest.mark.whole
 def test_a_database_that_goes_away_is_told_and_the_study_goes_on_later(
     echo: EpisodeSet, tmp_path: Path, address: str, server: Server
 ) -> None:

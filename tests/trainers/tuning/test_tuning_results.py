@@ -23,6 +23,7 @@ from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import CheckFailed
 
 
+@pytest.mark.slow
 def test_the_best_is_kept_as_a_preset_that_trains_to_the_same_error(
     echo: EpisodeSet, tmp_path: Path
 ) -> None:
@@ -48,6 +49,7 @@ def test_the_best_is_kept_as_a_preset_that_trains_to_the_same_error(
     assert str(tmp_path) not in (work.out / "best.toml").read_text()
 
 
+@pytest.mark.whole
 def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_path: Path) -> None:
     work = work_of(echo, tmp_path / "out", trials=18, asked=("hidden=4:16", "layers=1"))
     study = work.begin()
@@ -196,6 +198,7 @@ def test_without_any_finished_trial_the_reasons_are_kept(echo: EpisodeSet, tmp_p
     assert not (work.out / "best.toml").exists()
 
 
+@pytest.mark.whole
 def test_of_two_objectives_the_front_is_what_none_beats(echo: EpisodeSet, tmp_path: Path) -> None:
     work = work_of(
         echo, tmp_path / "out", "history-mlp", 8, objective=("rmse", "latency"),

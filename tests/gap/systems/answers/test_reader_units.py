@@ -46,6 +46,7 @@ def test_what_is_seen_of_a_limit_is_the_fastest_that_is_seen() -> None:
     assert sizes_as_read(LIMIT, "slowness", "s/rad", [float("inf"), 0.0])[2] == [0.0, float("inf")]
 
 
+@pytest.mark.whole
 def test_screen_and_page_tell_the_rate(tmp_path) -> None:
     effects = [{"name": LIMIT, "parameters": {"slowness": SLOWNESS},
                 "forecast": {"share": 0.4, "low": 0.3, "high": 0.5}}]  # fmt: skip

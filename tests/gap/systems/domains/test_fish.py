@@ -32,6 +32,7 @@ def test_a_delay_that_was_put_in_is_named():
     assert best.fit.value("transport-delay.delay_s") == pytest.approx(0.25, abs=0.005)
 
 
+@pytest.mark.whole
 def test_the_recorded_delay_is_a_third_of_a_second_and_not_its_alias(recordings):
     whole = open_model(recordings("fish"))
     model = whole.first(6)

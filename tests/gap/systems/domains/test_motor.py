@@ -45,6 +45,7 @@ def test_every_step_between_running_duties_is_read(tmp_path):
     assert all(s.time_s[0] < s.step_s < s.time_s[-1] for s in steps)
 
 
+@pytest.mark.whole
 def test_a_hidden_lag_is_named_with_both_time_constants(tmp_path):
     model = MotorModel(read_steps(written(tmp_path, 0.04, 0.08)))
     base = fit(model, (), range(model.episodes))
@@ -70,6 +71,7 @@ def test_logs_that_cannot_be_used_say_why(tmp_path, content, says):
         read_steps(tmp_path)
 
 
+@pytest.mark.whole
 def test_the_command_names_and_writes(tmp_path):
     logs = tmp_path / "logs"
     logs.mkdir()
@@ -90,6 +92,7 @@ def test_the_command_names_and_writes(tmp_path):
     assert page.count("<svg") == rounds + 1  # rankings, and the trace: their points say values
 
 
+@pytest.mark.whole
 def test_recorded_motors_spool_as_single_steps_say(recordings):
     steps = read_steps(recordings("motor"))
     chosen = [*steps[:6], *(s for s in steps if s.after < s.before)]

@@ -85,6 +85,7 @@ def test_the_label_is_the_authors(recordings):
     assert flight.label[:, 2] == pytest.approx(theirs, abs=1e-9)
 
 
+@pytest.mark.whole
 def test_the_recorded_acceleration_is_that_of_turning_axes(recordings):
     told = audit(read_flights(recordings("quadrotor")))["all"]
     explained = told["acceleration_less_derivative"]

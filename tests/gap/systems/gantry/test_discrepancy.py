@@ -109,6 +109,7 @@ def test_every_hypothesis_has_the_correction_and_it_is_no_bent_constant() -> Non
     assert np.abs(after - before).max() > 1e-4
 
 
+@pytest.mark.whole
 def test_a_world_of_the_model_s_own_form_is_the_plain_plant() -> None:
     """Two implementations: hooks around the closed form, and the plant without any."""
     world = FormedWorld(

@@ -149,6 +149,7 @@ def test_an_unusable_log_leaves_an_earlier_run_as_it_was(world, closed, tmp_path
     assert {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()} == before
 
 
+@pytest.mark.whole
 def test_the_rig_file_given_is_never_written_over(world, tmp_path):
     rig_path, logs = world
     with pytest.raises(UnusableInput, match="would overwrite"):
@@ -219,7 +220,7 @@ def test_nothing_of_a_class_is_added_without_a_name(world, closed, tmp_path):
         add(case, out, only="wind")
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_an_effect_asked_for_has_the_size_that_the_gap_is_shown_with(world, closed, tmp_path):
     """Not the one it was ranked with, before all that is sure was found."""
     out = shutil.copytree(closed[0], tmp_path / "out")

@@ -225,6 +225,7 @@ def test_a_log_with_the_columns_of_the_documentation_alone_is_the_same_flight(
     assert same(flight, flight_from_log(whole, RIG, "a"))
 
 
+@pytest.mark.whole
 def test_flights_keep_the_order_in_which_they_are_given(log, tmp_path) -> None:
     paths = [tmp_path / "z.mcap", tmp_path / "a.mcap"]
     record(RIG, seconds=9, seed=3).write_mcap(paths[0])

@@ -48,6 +48,7 @@ def folder(tmp_path, monkeypatch):
     return out, asked
 
 
+@pytest.mark.whole
 def test_a_virtual_class_is_flown_and_answered_in_one_command(folder, tmp_path) -> None:
     """The manoeuvre is flown with a seed of its own; its log comes before the earlier ones."""
     out, asked = folder

@@ -63,6 +63,7 @@ def test_the_wakes_force_is_the_plants(flown) -> None:
     assert modelled_n.mean() == pytest.approx(true_n.mean(), rel=0.01)
 
 
+@pytest.mark.whole
 def test_the_wakes_force_under_a_belt_with_play_is_the_plants() -> None:
     entry = with_effects(belt_backlash={"backlash_m": (0.06, "m")}).effect
     probe = Probe()
@@ -217,6 +218,7 @@ def repeats_of(hold_s: float, flights: int, seed: int):
         yield sample_s, np.append(False, np.diff(made) == 0) | (rng.random(500) < 0.05)
 
 
+@pytest.mark.whole
 @settings(max_examples=3, deadline=None)
 @given(hold_s=st.floats(0.025, 0.1), seed=st.integers(0, 2**31))
 def test_the_period_of_repeats_is_among_the_likely_ones(hold_s, seed) -> None:
@@ -225,6 +227,7 @@ def test_the_period_of_repeats_is_among_the_likely_ones(hold_s, seed) -> None:
     assert np.abs(np.array(found_s) - hold_s).min() < 0.001
 
 
+@pytest.mark.whole
 def test_a_clock_and_its_mirror_image_are_both_likely() -> None:
     """Samples on a lattice of 20 ms alias 1 / 0.039 Hz to 50 Hz less that, 41 ms."""
     mirrored_s = 1.0 / (50.0 - 1.0 / 0.039)

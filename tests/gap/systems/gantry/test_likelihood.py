@@ -106,6 +106,7 @@ def test_truth_is_more_likely_than_what_is_not(base) -> None:
             assert density < fitted.log_likelihood - 5.0
 
 
+@pytest.mark.slow
 def test_miscalibrated_constants_are_found(base) -> None:
     off = {"thrust.sufferer.scale": 1.04, "wake.strength": 420.0}
     truth = with_constants(RIG, off)
@@ -183,6 +184,7 @@ def test_every_hypothesis_has_noise_calibration_and_form_free() -> None:
             assert all(f.low <= s <= f.high for s in f.starts if f.name in own), f.name
 
 
+@pytest.mark.whole
 def test_the_rigs_own_effects_are_free_within_their_intervals() -> None:
     truth = with_effects(ground_effect={"gain": (0.3, "1"), "height_m": (0.15, "m")})
     entry = truth.effect[0]
@@ -202,6 +204,7 @@ def test_the_rigs_own_effects_are_free_within_their_intervals() -> None:
     assert with_effect.objective > fit(without, (), (0,), without.start(())).objective + 3.0
 
 
+@pytest.mark.slow
 def test_held_readings_are_less_likely_without_the_hold() -> None:
     truth = with_effects(sample_and_hold={"hold_s": (0.06, "s")})
     model = GantryModel(RIG, [flown(SEEDS[0], truth), flown(SEEDS[2], truth)])
@@ -268,6 +271,7 @@ def test_summits_of_a_dead_band_are_compared_around_their_own_motions() -> None:
     assert high - low > 0.05 * 9.0  # summits stand so close that no smaller one can be told
 
 
+@pytest.mark.whole
 def test_a_force_of_time_acts_at_the_same_moment_in_plant_and_likelihood() -> None:
     """At 4 Hz a tenth of a second, from the first tick to half the weight, is 144 degrees."""
 

@@ -11,6 +11,8 @@ from wakedeploy.gap.systems.gantry.search.before_after import Shown, gaps
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base, ranked_by_own_motion
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
 
+pytestmark = pytest.mark.whole
+
 FRICTION_N = 0.5
 TRUTH = with_effects(coulomb_friction={"coulomb_n": (FRICTION_N, "N")})
 FRICTION = ("coulomb-friction",)
@@ -40,6 +42,7 @@ def moved_mps(model: GantryModel, fitted: Fit) -> float:
     return max(float(np.sqrt(np.mean(change**2))) for change in changes)
 
 
+@pytest.mark.slow
 def test_another_turn_neither_moves_nor_gains(base, friction) -> None:
     for model, fitted in (base, friction):
         assert moved_mps(model, fitted) < 1e-3  # a quarter of what the speed is known to
@@ -48,6 +51,7 @@ def test_another_turn_neither_moves_nor_gains(base, friction) -> None:
         assert again.objective == pytest.approx(fitted.objective, abs=1.5)
 
 
+@pytest.mark.slow
 def test_friction_is_as_large_as_it_is_only_around_its_own_motion(base, friction) -> None:
     model, plain = base
     there = fit(model, FRICTION, range(2), extended(plain, model.free(FRICTION)))
@@ -57,6 +61,7 @@ def test_friction_is_as_large_as_it_is_only_around_its_own_motion(base, friction
     assert low < FRICTION_N < high
 
 
+@pytest.mark.slow
 def test_contenders_are_ranked_around_their_own_motion(base) -> None:
     model, plain = base
     _, _, ranked = ranked_by_own_motion(model, plain, [*FRICTION, "ground-effect"], 8.0)
@@ -65,6 +70,7 @@ def test_contenders_are_ranked_around_their_own_motion(base) -> None:
     assert ranked[0].fit.objective > there.objective + 20.0
 
 
+@pytest.mark.slow
 def test_friction_that_was_found_mends_the_forecasts_of_other_flights(base, friction) -> None:
     sealed = GantryModel(RIG, [flown(42, TRUTH)])
     before = Shown.of(sealed, base[1])
@@ -76,6 +82,7 @@ def test_friction_that_was_found_mends_the_forecasts_of_other_flights(base, fric
     assert told.after < 0.7 * gaps(before, there)["height 0.25 s ahead"].after
 
 
+@pytest.mark.slow
 def test_a_rig_file_with_friction_begins_where_the_readings_are() -> None:
     known = GantryModel(TRUTH, [flown(seed, TRUTH) for seed in (40, 41)])
     model, fitted = fitted_base(known)

@@ -78,6 +78,7 @@ def test_an_unknown_architecture_is_refused(tmp_path):
         retrain(OLD, TRUTH, [log], tmp_path, arch="transformer")
 
 
+@pytest.mark.slow
 def test_both_pilots_fly_the_hidden_effect_with_their_own_rig():
     flown = fly_both(TRUTH, Pilot(OLD), Pilot(TRUTH), [4, 5], seconds=4.0, workers=2)
     for when, rig in (("before", OLD), ("after", TRUTH)):
@@ -91,6 +92,7 @@ def test_both_pilots_fly_the_hidden_effect_with_their_own_rig():
         assert error.low < error.rmse < error.high
 
 
+@pytest.mark.slow
 def test_a_flight_that_a_failsafe_ends_has_no_error():
     light = TRUTH.changed(sufferer={"mass_kg": 0.1})  # rises above the limit under hover's thrust
     assert "FAILSAFE" in record(light, seconds=8.0, seed=4, model_rig=TRUTH)["mode"]

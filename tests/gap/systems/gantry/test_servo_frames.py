@@ -112,6 +112,7 @@ def test_a_rig_file_that_has_the_frame_is_not_contradicted() -> None:
     assert flight_from_log(log, with_frame(0.038), "x").reported_frame_s is None
 
 
+@pytest.mark.whole
 def test_a_board_whose_clock_is_off_keeps_its_phase() -> None:
     """By 0.1 % the rig file's frames would slip by a whole one within the flight."""
     log = record(RIG, seconds=20.0, seed=SEEDS[0]).without_truth()

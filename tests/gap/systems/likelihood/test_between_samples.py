@@ -82,6 +82,7 @@ def test_a_step_is_kept_and_a_constant_stays_what_it_is():
         assert between(np.full(50, 7.0), hold, 3) == pytest.approx(np.full(150, 7.0), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_replay_in_fine_steps_is_that_of_an_integrator():
     recording = swung(noise_m=0.0)
     truth = recording.columns["position_m"]
@@ -115,6 +116,7 @@ def test_rows_that_are_finer_than_the_rate_are_the_inputs_of_its_steps():
     assert off(3) < 0.25  # rows that fill no step are what comes early and late in one
 
 
+@pytest.mark.slow
 def test_constants_come_out_true_where_a_held_input_bends_them():
     recording = swung()
     model = LogModel(variant(steps=4), [recording])
@@ -128,6 +130,7 @@ def test_constants_come_out_true_where_a_held_input_bends_them():
     assert error_m < 0.3 * coarse_m
 
 
+@pytest.mark.whole
 def test_a_check_says_where_steps_are_too_coarse_and_how_many_will_do():
     recording = swung(seconds=4.0)
     coarse = LogModel(variant(), [recording])
@@ -144,6 +147,7 @@ def test_what_is_too_short_to_look_ahead_in_has_no_note():
     assert step_notes(model, checked_base(model)) == []
 
 
+@pytest.mark.whole
 def test_steps_that_are_recommended_fit_the_rows_of_a_sample():
     model = LogModel(variant(), [swung(seconds=2.0, rate_hz=5 * RATE)])
     (note,) = step_notes(model, checked_base(model))

@@ -150,6 +150,7 @@ def _evident_round():
     return Round(given=[], threshold_nats=1.0, steady_nats=1.0, ranking=[evident])
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("verdict", "leftover_of", "rounds", "is_asked"),
     [
@@ -179,6 +180,7 @@ def test_what_explains_all_is_asked_no_further(
     assert [m.is_pushed for m in asked] == ([True, False] if is_asked else [True])
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("rest", "all_blocks", "sealed", "is_taken"),
     [
@@ -262,6 +264,7 @@ def test_long_logs_are_searched_in_part_far_ahead_too(monkeypatch):
     assert again.found.episodes == near.found.episodes
 
 
+@pytest.mark.slow
 def test_steps_go_on_from_an_answer_far_ahead(rubbing, monkeypatch, tmp_path):
     """Its fits have other parameters than those of the model that was asked first."""
     far = rubbing.far_ahead()
@@ -310,6 +313,7 @@ def test_each_forecast_s_part_has_one_reading_also_where_it_is_no_whole_number()
     assert {100, 200, 300} <= set(looked_at)
 
 
+@pytest.mark.slow
 def test_a_disturbance_that_lasts_is_no_law_and_no_effect():
     """Far ahead nothing takes it up: it shows in many innovations of a block alike."""
     rng = np.random.default_rng(3)

@@ -56,7 +56,14 @@ def _log(seed: int, lags: int, cut_s: float, minutes: float = 6.0) -> Recording:
     return Recording("tank", np.arange(n - cut) / RATE, columns)
 
 
-@pytest.mark.parametrize(("lags", "effect"), [(1, "lag@pump_v"), (2, "second-order-lag@pump_v")])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("lags", "effect"),
+    [
+        (1, "lag@pump_v"),
+        pytest.param(2, "second-order-lag@pump_v", marks=pytest.mark.slow),
+    ],
+)
 def test_a_log_that_begins_in_motion_is_no_less_likely_than_later_parts(lags, effect):
     model = LogModel(Tank(), [_log(3, lags, cut_s=120.0)])
     base = fitted_base(model)
@@ -88,6 +95,7 @@ def _late_log(seed: int, delay_s: float, minutes: float = 4.0) -> Recording:
     return Recording("late tank", np.arange(n) / RATE, {"pump_v": command, "level_m": shown})
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("delay_s", [2.0, 3.6])
 def test_a_script_that_begins_with_a_step_does_not_hide_that_its_commands_act_late(delay_s):
     """What the pump did before the log says no column, and until the delay is over it acts."""

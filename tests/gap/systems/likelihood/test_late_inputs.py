@@ -49,7 +49,7 @@ def model(motor_late=0, wind_late=0, output_late=0, samples=900):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("period", [40, 50])
+@pytest.mark.parametrize("period", [40, pytest.param(50, marks=pytest.mark.slow)])
 def test_of_an_input_that_repeats_itself_a_delay_is_no_lead(period):
     """A square wave: a delay of a sixth of it is a lead of the rest."""
     samples, late = 900, period // 6
@@ -72,6 +72,7 @@ def _late(column, samples):
     return np.concatenate([np.full(samples, column[0]), column[: len(column) - samples]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("late", "told"),
     [

@@ -207,6 +207,7 @@ def test_where_nothing_is_hidden_nothing_is_named(seed):
     assert verdict_of(named(model, fitted_base(model))) == "none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("friction_n", "nothing"), [(0.0, True), (2.0, False)])
 def test_a_size_that_may_be_zero_is_no_effect(friction_n, nothing):
     model, name = (

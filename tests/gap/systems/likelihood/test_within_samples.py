@@ -263,6 +263,7 @@ def test_a_sensor_that_is_late_by_nothing_shows_what_an_input_does_at_once(kind,
     assert np.all(np.diff(late) >= -1e-9)
 
 
+@pytest.mark.whole
 def test_a_delay_of_one_row_is_said_to_be_perhaps_the_log_s() -> None:
     """Readings, and the command that follows them, in one row; in the next row it is seen."""
     rng = np.random.default_rng(5)

@@ -41,6 +41,7 @@ def test_as_a_file_it_is_the_same_flight(tmp_path) -> None:
     np.testing.assert_allclose(back.z_m, plan.z_m, atol=1e-6)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", ["triangles-both", "carriage-fast", "height-chirp-wake"])
 def test_the_simulated_gantry_flies_it_whole(name: str) -> None:
     plan = manoeuvre(name).plan(RIG)

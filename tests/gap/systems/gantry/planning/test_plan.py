@@ -127,6 +127,7 @@ def gather_at(size: float):
     return gather(model, base, ["a", "b", "c"], {n: [size] for n in "abc"})
 
 
+@pytest.mark.whole
 def test_nothing_missing_crosses_the_threshold_once_in_twenty(evidence) -> None:
     threshold, alarms = null_quantile(evidence), 0
     for seed in range(120):
@@ -140,7 +141,7 @@ def some(*names):
     return [manoeuvre(name) for name in names]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_triangles_split_coulomb_from_viscous_friction(tmp_path) -> None:
     made = make_plan(
         RIG,
@@ -158,6 +159,7 @@ def test_triangles_split_coulomb_from_viscous_friction(tmp_path) -> None:
     np.testing.assert_allclose(back.z_m, written.z_m, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_without_the_source_nothing_tells_its_lag_from_its_way() -> None:
     made = make_plan(RIG, ["spool-lag-source", "transport-speed"], manoeuvres=some("height-steps"))
     assert made.best is None

@@ -76,7 +76,7 @@ def fitted(flown):
     return fitted_base(GantryModel(RIG, flown))
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_strong_effects_are_named_and_look_alikes_are_left_in_a_class(told) -> None:
     known = {e.name: e for e in told.effects}
     assert known["battery-sag"].verdict == "named"
@@ -94,7 +94,7 @@ def test_strong_effects_are_named_and_look_alikes_are_left_in_a_class(told) -> N
         assert e.nameable is None or e.nameable >= e.detectable
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_what_is_seen_is_known_to_be_seen(told) -> None:
     """The same flights' loss matrix, shares and sizes agree with each other."""
     for i, e in enumerate(told.effects):
@@ -110,7 +110,7 @@ def test_what_is_seen_is_known_to_be_seen(told) -> None:
     assert told.threshold_nats == 4.0
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_page_is_whole_and_loads_nothing(told, tmp_path) -> None:
     path = write_page(told, tmp_path)
     html = path.read_text()
@@ -129,7 +129,7 @@ def test_the_page_is_whole_and_loads_nothing(told, tmp_path) -> None:
     assert any("class" in sentence for sentence in sentences(told))
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_page_says_what_to_do_next(told, tmp_path) -> None:
     html = write_page(told, tmp_path, Path("rigs/mine.toml")).read_text()
     assert "Together in a class: the sufferer's thrust falls" in " ".join(sentences(told))
@@ -143,7 +143,7 @@ def test_the_page_says_what_to_do_next(told, tmp_path) -> None:
     assert commands[0] == "wakedeploy rig init rig.toml"
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_flight_that_an_effect_ends_and_a_size_never_named_are_said_so(told) -> None:
     never = replace(
         told.effects[0], cost_mm=None, minutes=None, flights=None, detectable=None, nameable=None
@@ -157,7 +157,7 @@ def test_a_flight_that_an_effect_ends_and_a_size_never_named_are_said_so(told) -
     assert [chart.dots[0].note for chart in charts] == ["not seen at any size", "failsafe", "never"]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_row_of_the_page_says_sizes_costs_and_minutes(told) -> None:
     for sizes, cost, minutes, each in zip(
         *(chart(told).dots for chart in (sizes_chart, cost_chart, minutes_chart)),
@@ -170,7 +170,7 @@ def test_a_row_of_the_page_says_sizes_costs_and_minutes(told) -> None:
         assert (minutes.note == "never") == (each.minutes is None)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_outcomes_follow_the_size(flown, fitted) -> None:
     names = ("coulomb-friction", "viscous-friction", "lost-steps")
     sizes = {n: plausible_size(RIG, n) for n in names} | {"lost-steps": (0.02,)}
@@ -182,6 +182,7 @@ def test_outcomes_follow_the_size(flown, fitted) -> None:
     assert np.all((told.named <= told.in_class) & (told.in_class <= told.detected))
 
 
+@pytest.mark.slow
 def test_each_sensor_adds_what_it_sees_and_takes_nothing_away(fitted) -> None:
     names = ("spool-lag-source", "transport-speed", "battery-sag", "range-drift")
     model, base = fitted
@@ -196,6 +197,7 @@ def test_each_sensor_adds_what_it_sees_and_takes_nothing_away(fitted) -> None:
     assert after["battery-voltage"][lag, way] == pytest.approx(before[lag, way])
 
 
+@pytest.mark.whole
 def test_the_rig_files_forecast_is_the_wake_that_comes() -> None:
     """Against the plant's own wake force, a lead later, along a simulated flight without gusts."""
     calm = RIG.changed(disturbance={"turbulence_fraction": 0.0})
@@ -212,6 +214,7 @@ def test_the_rig_files_forecast_is_the_wake_that_comes() -> None:
     assert np.sqrt(np.mean(error**2)) < 0.25 * np.sqrt(np.mean(later**2))
 
 
+@pytest.mark.whole
 def test_ignoring_an_effect_costs_millimetres() -> None:
     plain = tracking_rmse_m(RIG, RIG, seconds=10.0, seed=1)
     stronger = with_effect(RIG, "wake-strength", (520.0,))

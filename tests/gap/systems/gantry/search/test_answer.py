@@ -34,6 +34,7 @@ def told() -> dict[str, Sizes]:
     return {name: sizes_of(found, name) for name in both}
 
 
+@pytest.mark.slow
 def test_a_size_at_the_end_of_its_range_is_marked_and_told(told) -> None:
     (loss,) = LIBRARY[STRONG].parameters
     size = told[STRONG]["loss_s_per_m"]
@@ -50,6 +51,7 @@ def test_a_size_at_the_end_of_its_range_is_marked_and_told(told) -> None:
     )
 
 
+@pytest.mark.slow
 def test_no_effect_at_all_is_an_estimate(told) -> None:
     size = told[WEAK]["sag_per_s"]
     assert size.value == 0.0
@@ -60,6 +62,7 @@ def test_no_effect_at_all_is_an_estimate(told) -> None:
     assert "range" not in words
 
 
+@pytest.mark.slow
 def test_an_effect_whose_interval_holds_nothing_is_doubted(told) -> None:
     assert told[WEAK]["sag_per_s"].holds_neutral
     assert not told[STRONG]["loss_s_per_m"].holds_neutral
@@ -70,6 +73,7 @@ def test_an_effect_whose_interval_holds_nothing_is_doubted(told) -> None:
         assert (f"Doubt {name}: its interval reaches" in words) is doubted
 
 
+@pytest.mark.slow
 def test_the_rig_file_has_the_size_without_the_mark(told) -> None:
     written = entry_of(Sized(name=STRONG, parameters=told[STRONG]), "ab" * 32, "2026-01-01")
     stated = written.parameters["loss_s_per_m"].model_dump()
@@ -78,6 +82,7 @@ def test_the_rig_file_has_the_size_without_the_mark(told) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "names"), [(1.0, []), (0.87, ["thrust.sufferer.scale"])])
 def test_a_constant_that_had_to_be_bent_is_told(scale, names) -> None:
     """Whatever the verdict: what is shown is of the rig file with it, and not as it is."""

@@ -90,6 +90,7 @@ def named(told: Show, effect: str) -> Summary:
     return StepArtefacts(name=name, show=told).summary
 
 
+@pytest.mark.slow
 def test_what_is_shown_stands_when_training_is_broken_off(answer, tmp_path) -> None:
     class BrokenOff(list):
         def extend(self, _) -> None:
@@ -102,6 +103,7 @@ def test_what_is_shown_stands_when_training_is_broken_off(answer, tmp_path) -> N
     assert told["gap"]
 
 
+@pytest.mark.slow
 def test_a_sealed_flight_is_shown_and_scored_alone(answer, tmp_path) -> None:
     scored: list[Path] = []
     told = shown(answer, (flown(42, TRUTH),), tmp_path, scored)
@@ -125,6 +127,7 @@ def test_a_sealed_flight_is_shown_and_scored_alone(answer, tmp_path) -> None:
     assert "errs by 0.100 N on 1 sealed flight" in words
 
 
+@pytest.mark.slow
 def test_every_map_is_shown_once_and_in_its_unit(answer, tmp_path) -> None:
     told = shown(answer, (flown(42, TRUTH),), tmp_path, [])
     maps = [(p.channel, p.coordinate, p.unit) for p in told.places]
@@ -143,6 +146,7 @@ def test_every_map_is_shown_once_and_in_its_unit(answer, tmp_path) -> None:
         assert np.median(np.abs(after) / reach[1]) < np.median(np.abs(before) / reach[0])
 
 
+@pytest.mark.slow
 def test_without_a_sealed_flight_each_is_left_out_and_it_says_so(answer, tmp_path) -> None:
     scored: list[Path] = []
     told = shown(answer, (), tmp_path, scored)
@@ -161,6 +165,7 @@ def test_without_a_sealed_flight_each_is_left_out_and_it_says_so(answer, tmp_pat
     assert "on the very flights that the effect was found in" in words
 
 
+@pytest.mark.slow
 def test_what_a_bent_calibration_had_hidden_is_told_and_was_hidden_by_it() -> None:
     """Before and after err alike; with the constant as the rig file has it, before errs more."""
     constant, effect = "thrust.sufferer.scale", "thrust-coefficient"

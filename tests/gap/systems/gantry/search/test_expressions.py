@@ -141,6 +141,7 @@ def test_a_ripple_of_the_belt_is_found_at_any_length(length_mm):
     assert 1e3 / float(found.terms[0][14:-2]) == pytest.approx(1e3 / length_mm, abs=0.35)
 
 
+@pytest.mark.whole
 def test_nothing_is_found_in_noise():
     assert all(found_in(lambda m: 0.0 * m.z_m, seed=seed)[1] is None for seed in range(1, 5))
 

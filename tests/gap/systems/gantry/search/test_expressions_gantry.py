@@ -37,6 +37,7 @@ def found():
     return search(model, base, setting=vars(setting_of(RIG)), names=NAMES)
 
 
+@pytest.mark.slow
 def test_the_hidden_force_is_found_with_its_size(found):
     assert found.terms == ("source-place",)
     assert found.coordinates == ("source_n", "x_m")
@@ -46,6 +47,7 @@ def test_the_hidden_force_is_found_with_its_size(found):
     assert found.gain_nats > 30
 
 
+@pytest.mark.slow
 def test_a_rig_with_the_expression_flies_as_the_hidden_force_does(found):
     corrected = parse_rig(RIG.model_copy(update={"effect": (to_effect(found),)}).text)
     with_hook, with_file = (

@@ -119,6 +119,7 @@ def test_halves_of_the_flights_agree_on_a_strong_effect(shifted) -> None:
     assert set(again.halves[0].flights).isdisjoint(again.halves[1].flights)
 
 
+@pytest.mark.whole
 def test_of_flights_that_lack_nothing_hardly_anything_could_be_explained() -> None:
     model, base = fitted_base(with_terms(GantryModel(RIG, [flown(51), flown(52)])))
     worth = explainable(model, base, None)

@@ -73,6 +73,7 @@ def nothing() -> Answer:
     return name_effects(RIG, model, LIMITS, candidates=TRIED, base=base)
 
 
+@pytest.mark.slow
 def test_nothing_that_matters_is_missing_where_nothing_is_hidden(nothing, tmp_path) -> None:
     """Three short flights may show a trace of something; others, that are sealed, decide."""
     sealed = tuple(flown(seed) for seed in (54, 55))
@@ -100,13 +101,14 @@ def late() -> Answer:
     return answered("command-latency", tried=TRIED[:2])
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_strong_effect_is_named_with_its_size(late) -> None:
     assert late.verdict == "named"
     assert late.effects == ("command-latency",)
     holds_truth(late, "command-latency")
 
 
+@pytest.mark.slow
 def test_unless_told_otherwise_the_whole_library_is_tried(monkeypatch, nothing) -> None:
     class Tried(Exception):
         """Ends a search, which takes a minute, as soon as it has begun."""
@@ -160,7 +162,7 @@ def beyond_the_library(t_s, state) -> float:
     return 0.15 * state["source_thrust_n"] * state["x_m"]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_force_that_is_no_known_effect_is_unknown_with_its_coordinates() -> None:
     answer = answered(hook=beyond_the_library)
     assert answer.verdict == "unknown"
@@ -339,6 +341,7 @@ def test_an_effect_at_the_threshold_is_as_likely_as_nothing(beyond_nats, sure) -
     assert searched.confidence(ranking[0]) == pytest.approx(sure, abs=0.001)
 
 
+@pytest.mark.slow
 def test_what_would_have_been_noticed_is_smaller_than_what_was_hidden(nothing) -> None:
     sizes = detectable(nothing)
     for effect, parameter in (("ground-effect", "gain"), ("coulomb-friction", "coulomb_n")):
@@ -359,6 +362,7 @@ def test_a_hidden_effect_of_the_size_told_gains_what_it_must(nothing) -> None:
     assert 0.5 < found.gain_nats / (2.0 * LIMITS.effect_nats) < 2.0
 
 
+@pytest.mark.slow
 def test_no_size_is_told_of_what_is_far_from_linear(nothing) -> None:
     """A dead band does nothing at first; 7 us of it are found, whatever its slope at zero says."""
     told = detectable(nothing)["pwm-dead-band"]
@@ -422,6 +426,7 @@ def test_the_artefacts_are_the_same_without_the_truth(tmp_path) -> None:
     assert texts[0] == texts[1]
 
 
+@pytest.mark.slow
 def test_without_an_effect_the_constant_that_it_replaced_goes_on_from_its_value(
     monkeypatch, nothing
 ) -> None:

@@ -63,6 +63,7 @@ def test_q_values_by_hand() -> None:
     assert q_values([]) == []
 
 
+@pytest.mark.whole
 def test_nothing_is_found_where_nothing_is_missing(base) -> None:
     found = find_places(*base, LIMIT, FLOOR)
     assert found.places == []
@@ -80,6 +81,7 @@ def test_nothing_is_found_where_nothing_is_missing(base) -> None:
         assert replay.rmse_m == pytest.approx(replay.expected_m, rel=0.3)
 
 
+@pytest.mark.whole
 def test_a_force_is_found_where_it_acts(pushed) -> None:
     found = find_places(*pushed, LIMIT, FLOOR)
     places = [
@@ -112,6 +114,7 @@ def test_the_sentence_counts_the_places_of_the_table() -> None:
         assert sentence.startswith(unclear if alone else clear)
 
 
+@pytest.mark.whole
 def test_the_force_channel_weighs_the_missing_force(base, pushed) -> None:
     """With constants that are right; a fit without the force bends them to hide a part of it."""
     model, fitted = pushed[0], base[1]
@@ -122,6 +125,7 @@ def test_the_force_channel_weighs_the_missing_force(base, pushed) -> None:
     assert step == pytest.approx(0.4, abs=0.1)
 
 
+@pytest.mark.whole
 def test_residuals_know_every_coordinate(base) -> None:
     model, fitted = base
     flight = model.flights[1]
@@ -142,6 +146,7 @@ def test_residuals_know_every_coordinate(base) -> None:
         assert np.isfinite(one.coordinates["source command"]).all()
 
 
+@pytest.mark.whole
 def test_innovations_are_white_against_what_was_known_before(base) -> None:
     """Heights smoothed with the reading itself would follow its innovation."""
     model, fitted = base
@@ -164,6 +169,7 @@ def test_innovations_are_white_against_what_was_known_before(base) -> None:
     assert np.corrcoef(speed[there], smoothed[there])[0, 1] > 0.9
 
 
+@pytest.mark.whole
 def test_a_channel_that_does_not_exist_is_refused(base) -> None:
     with pytest.raises(KeyError, match="none of force"):
         residuals(*base, "torque", 0)
@@ -194,6 +200,7 @@ def places_of(monkeypatch, base, seed: int, shape, keep: float = 0.0, seen=CHANN
     return find_places(*base, LIMIT)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("keep", [pytest.param(0.0, marks=pytest.mark.slow), 0.6])
 def test_false_discoveries_are_rare_in_white_and_in_coloured_noise(
     monkeypatch, base, keep: float
@@ -218,6 +225,7 @@ def null_series(rng, keep: float, apart: float) -> list[Residuals]:
     return made
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("keep", "apart"),
     [
@@ -249,6 +257,7 @@ def test_the_mean_of_all_flights_has_a_true_p_value(monkeypatch) -> None:
     assert 0.02 < np.mean(np.array(p) <= 0.05) < 0.09
 
 
+@pytest.mark.whole
 def test_the_clearest_map_comes_first(monkeypatch, base) -> None:
     """Several are beyond what shuffles reach, and of one p value."""
     found = places_of(monkeypatch, base, 4, lambda height: 0.5 * (height - 0.6))
@@ -267,6 +276,7 @@ def test_a_shuffle_keeps_every_residual_in_its_flight(counts) -> None:
             assert sorted(order[first:last]) == list(range(first, last))
 
 
+@pytest.mark.whole
 def test_a_planted_bump_is_found_at_its_bins(monkeypatch, base) -> None:
     def bump(height):
         return np.where((height > 0.55) & (height < 0.8), 0.15, 0.0)
@@ -295,6 +305,7 @@ def test_a_place_that_chance_makes_often_does_not_forbid_that_nothing_is_missing
     assert not forbids_none([])
 
 
+@pytest.mark.whole
 def test_an_offset_is_everywhere(monkeypatch, base) -> None:
     found = places_of(monkeypatch, base, 2, lambda height: np.full_like(height, 0.1))
     everywhere = [p for p in found.places if p.coordinate == "everywhere"]
@@ -304,6 +315,7 @@ def test_an_offset_is_everywhere(monkeypatch, base) -> None:
         assert p.words.startswith("everywhere: +")
 
 
+@pytest.mark.whole
 def test_a_place_that_is_smaller_than_the_models_own_error_is_none(monkeypatch, base) -> None:
     places_of(monkeypatch, base, 2, lambda height: np.full_like(height, 0.1))
     floor = dict.fromkeys(CHANNELS, 0.5)
@@ -313,6 +325,7 @@ def test_a_place_that_is_smaller_than_the_models_own_error_is_none(monkeypatch, 
     assert (least.value, least.unit) == (0.5, "N")
 
 
+@pytest.mark.whole
 def test_maps_hold_means_and_intervals_of_their_bins(monkeypatch, base) -> None:
     rng = np.random.default_rng([5, 3])
     made = planted(rng, lambda height: 0.3 * height)
