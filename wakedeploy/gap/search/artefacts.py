@@ -371,8 +371,11 @@ class Answer(Artefact):
         found_theta: The fit with what was found.
         base_theta: The fit without, from which it was found. It is not always that of find.json:
             effects that are begun anew may show the way to a better one.
-        repeated: Whether both halves of the logs, each by itself, say what was found first; None
-            where nothing was named, and where a half is too short to be fitted.
+        repeated: Whether both `halves` of the logs `agree` about what was found first, each fitted
+            by itself. Of each, its `episodes`, what it is `leading` with, what that gains there
+            [nats], the interval from `low` to `high` of its size, a `parameter` in its `unit`, and
+            all that the half does not tell from it (`near`). None where nothing was named, and
+            where a half has fewer than three blocks.
     """
 
     verdict: Verdict

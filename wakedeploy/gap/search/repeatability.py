@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Slopes, scores_of
-from wakedeploy.gap.evidence.inference import fit, settled
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
@@ -123,7 +123,7 @@ class _Asked:
         ranked = self._ranked(base)
         leading = self._leading(ranked)
         near = [c for c in ranked if c is leading or self._is_near(c, ranked[0], leading)]
-        leading = candidate(base, leading.name, settled(self.model, leading.fit)[0])
+        leading = candidate(base, leading.name, self._at_its_top(leading.fit))
         free = sizes_of(leading.fit, leading.name)[0]
         plain = least_squares(self.model, leading.fit)
         size = parameters(leading.fit, (leading.name,), plain)[free.name]
@@ -153,6 +153,10 @@ class _Asked:
         fits |= dict(zip(able, raced(model, base, [fits[n] for n in able]), strict=True))
         ranked = [candidate(base, name, fits[name]) for name in fits if fits[name].slopes.scores]
         return sorted(ranked, key=lambda c: -c.gain_nats)
+
+    def _at_its_top(self, raced_fit: Fit) -> Fit:
+        hypothesis, episodes, slopes = raced_fit.hypothesis, raced_fit.episodes, raced_fit.slopes
+        return fit(self.model, hypothesis, episodes, raced_fit.theta, slopes)
 
     def _start(self, base: Fit, name: str, seen: Fit) -> Fit:
         """Where a first look came to, or where the whole search has it, if that is higher here."""

@@ -11,7 +11,7 @@ from wakedeploy.gap.wording import halves_said, span
 def repeated_sentences(answer: Answer) -> list[str]:
     """What each half of the logs leads with by itself, and its size; [] where none was asked."""
     again = answer.repeated
-    if again is None:
+    if again is None or len(again.halves) != 2:
         return []
     return [halves_said(again.agree, [_half(half) for half in again.halves], "logs")]
 
