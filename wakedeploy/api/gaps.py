@@ -46,8 +46,9 @@ class Gap:
     `verdict` is "named", "class", "unknown" or "none"; `effects` are the names that were found,
     `classes` the members where the logs cannot tell several apart. `result` is the file itself,
     `result.json` of a rig and `domain.json` of a system: parameters with units and 90 % intervals,
-    and the gap per channel before and after, each the RMS over the samples (T,) that were sealed,
-    in the channel's unit (m for heights). `files` are sentences about further files that were
+    the gap per channel before and after, each the RMS over the samples (T,) that were sealed, in
+    the channel's unit (m for heights), and as `repeated` whether both halves of the logs say the
+    same by themselves. `files` are sentences about further files that were
     written, `next` the commands that may follow, both () where they were read from a folder.
     UnusableInput where the folder holds no result.
     """

@@ -68,6 +68,8 @@ def domain(
 
 
 def _print(title: str, result: "Result") -> None:
+    from wakedeploy.gap.systems.answers.halves import repeated_sentences
+
     found = ", ".join(e.name for e in result.effects) or "nothing"
     if result.rivals:
         found = f"one of {' or '.join(result.rivals)}"
@@ -90,3 +92,5 @@ def _print(title: str, result: "Result") -> None:
         ["channel", "before", "after", "unit"],
         [[n, f"{g.before:.4g}", f"{g.after:.4g}", g.unit] for n, g in result.gap.items()],
     )
+    for sentence in repeated_sentences(result):
+        click.echo(sentence)

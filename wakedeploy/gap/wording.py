@@ -121,6 +121,14 @@ def with_name(phrase: str, name: str) -> str:
     return f"{phrase} (`{name}`)" if phrase else f"`{name}`"
 
 
+def halves_said(agree: bool, halves: Sequence[str], recordings: str) -> str:
+    """Whether both halves of the `recordings` agree, and what each of them says."""
+    if agree:
+        return f"Both halves of the {recordings} say so by themselves: {listed(halves)}."
+    said = f"The two halves of the {recordings} do not agree: {listed(halves)}."
+    return f"{said} More {recordings} would tell."
+
+
 def nats(gain: float) -> str:
     """A gain in nats with a minus sign as in all other numbers: `−1.4 nats`."""
     return f"{minus(f'{gain:.1f}')} nats"

@@ -18,6 +18,7 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, Result, joined, read
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead
 from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.repeatability import repeated
 from wakedeploy.gap.search.results import answer_of, before_after, found_in
 
 STEPS = ("find", "name", "add", "show")
@@ -64,7 +65,7 @@ def concluded(model: Comparison, progress: Progress = quiet) -> Result:
     outcome = named(model, base, progress)
     near = (model, base) if outcome.is_far_ahead else None
     shown = before_after(outcome.model, outcome.base, outcome.found, near=near)
-    return joined(found, answer_of(outcome), shown)
+    return joined(found, answer_of(outcome, again=repeated(outcome, progress)), shown)
 
 
 class Folder:
@@ -91,13 +92,13 @@ class Folder:
         return found
 
     def name(self) -> Answer:
-        """Which effects the system lacks: name.json."""
+        """Which effects the system lacks, and whether each half of the logs says so: name.json."""
         path = self.out / "name.json"
         known = read(path, Answer, self.key)
         if known is not None:
             return known
         outcome = named(self.model, self.base(), self.progress)
-        answer = answer_of(outcome, self.key)
+        answer = answer_of(outcome, self.key, repeated(outcome, self.progress))
         answer.write(path)
         return answer
 

@@ -209,3 +209,13 @@ def test_every_kind_says_what_it_is_at_its_port() -> None:
         words = plain(f"{kind.name}{between}@some_port")
         assert "some_port (`" in words or " some_port " in words
         assert (" u " in words) == bool(between)
+
+
+def test_a_domains_page_says_whether_halves_agree(tmp_path) -> None:
+    """It has no remarks of its own."""
+    half = {"leading": FRICTION, "gain_nats": 9.0, "near": [FRICTION], "parameter": "force",
+            "low": 1.0, "high": 1.5, "unit": "N", "episodes": ["a 1/2"]}  # fmt: skip
+    told = result(repeated={"agree": True, "halves": [half, half]})
+    said = f"Both halves of the logs say so by themselves: {FRICTION} (force from 1.00 to 1.50 N)"
+    assert said in html.unescape(write_page(told, tmp_path).read_text("utf-8"))
+    assert read(told, tmp_path)[1].count("Both halves of the logs say so by themselves") == 1

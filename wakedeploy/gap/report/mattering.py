@@ -8,7 +8,7 @@ import math
 from wakedeploy.gap.report.phrases import plain
 from wakedeploy.gap.search.artefacts import Forecast
 from wakedeploy.gap.systems.gantry.findings import Answer, Effect, Expression, Half, Worth
-from wakedeploy.gap.wording import listed, nats, percent, quantity, span
+from wakedeploy.gap.wording import halves_said, listed, nats, percent, quantity, span
 
 _NEAR, _FAR = "0.25 s ahead", "1 s ahead"
 _LEAST_N = 0.0005  # below it, it is an error of a reading
@@ -50,12 +50,7 @@ def repeated_sentences(answer: Answer) -> list[str]:
     again = answer.repeated
     if again is None or len(again.halves) != 2:
         return []
-    halves = [_half(half) for half in again.halves]
-    if again.agree:
-        return [f"Both halves of the flights say so by themselves: {listed(halves)}."]
-    return [
-        f"The two halves of the flights do not agree: {listed(halves)}. More flights would tell."
-    ]
+    return [halves_said(again.agree, [_half(half) for half in again.halves], "flights")]
 
 
 def _half(half: Half) -> str:

@@ -31,6 +31,7 @@ from wakedeploy.gap.search.artefacts import (
 )
 from wakedeploy.gap.systems.answers.advice import rest_words
 from wakedeploy.gap.systems.answers.calibration import constant_rows
+from wakedeploy.gap.systems.answers.halves import repeated_sentences
 from wakedeploy.gap.systems.answers.importance import removed_words
 from wakedeploy.gap.systems.answers.reader_units import as_read
 from wakedeploy.gap.systems.answers.words import lacking_of_class
@@ -84,13 +85,15 @@ def write_page(
     """Draw the figures and write `report.html` into `out`; returns the page's path.
 
     `answers` are the first screen, where there is more to say than the verdict, `remarks` what
-    stands in no table. `next_step` is a sentence, and commands to copy.
+    stands in no table; without them it is what each half of the logs says. `next_step` is a
+    sentence, and commands to copy.
 
     Raises UnusableInput when the page or a figure cannot be written.
     """
     title = f"Simulation against measurement: {result.domain}"
     accounts = [_account(title, result, out, "")]
-    accounts[0]["remarks"] = remarks
+    if remarks:
+        accounts[0]["remarks"] = remarks
     accounts[0]["constants"] = _constants(result)
     if next_step is not None:
         why, commands = next_step
@@ -128,7 +131,7 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
         "answers": [_verdict(result)],
         "tile_pairs": _tiles(result),
         "next": None,
-        "remarks": (),
+        "remarks": repeated_sentences(result),
         "sizes": _sizes(result),
         "constants": None,
         "where": _where(result),

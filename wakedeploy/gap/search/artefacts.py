@@ -7,7 +7,7 @@ of its form and the rules by which it was decided.
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
@@ -185,6 +185,38 @@ class Leftover(Part):
     has_port: bool = True
 
 
+class Lead(Part):
+    """What one half of the recordings leads with by itself, and the interval of its size.
+
+    `near` are all that this half does not tell from the leading one; `gain_nats` is what that gains
+    in episodes of the half that it was not fitted to, and `parameter` the one that has the size.
+    """
+
+    leading: str
+    gain_nats: Number
+    near: list[str]
+    parameter: str
+    low: Number
+    high: Number
+    unit: str
+
+
+AnyHalf = TypeVar("AnyHalf", bound=Lead)
+
+
+class Repeated(Part, Generic[AnyHalf]):
+    """Both halves; `agree` where both say what the whole search found, at one size."""
+
+    agree: bool
+    halves: list[AnyHalf] = []
+
+
+class Half(Lead):
+    """One half of a system's logs, the blocks of which are `episodes`."""
+
+    episodes: list[str]
+
+
 class Map(Part):
     """Mean residuals of a channel over ranges of a coordinate; `edges` has one more than `mean`."""
 
@@ -340,6 +372,11 @@ class Answer(Artefact):
         found_theta: The fit with what was found.
         base_theta: The fit without, from which it was found. It is not always that of find.json:
             effects that are begun anew may show the way to a better one.
+        repeated: Whether both `halves` of the logs `agree` about what was found first, each fitted
+            by itself. Of each, its `episodes`, what it is `leading` with, what that gains there
+            [nats], the interval from `low` to `high` of its size, a `parameter` in its `unit`, and
+            all that the half does not tell from it (`near`). None where nothing was named, and
+            where a half has fewer than three blocks.
     """
 
     verdict: Verdict
@@ -363,6 +400,7 @@ class Answer(Artefact):
     is_far_ahead: bool = False
     found_theta: dict[str, Number] = {}
     base_theta: dict[str, Number] = {}
+    repeated: Repeated[Half] | None = None
 
 
 class BeforeAfter(Artefact):

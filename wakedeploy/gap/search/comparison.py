@@ -112,6 +112,10 @@ class Comparison(Model, Protocol):
         """The same, asked to predict far ahead rather than the next reading; None if it cannot."""
         ...
 
+    def log_of(self, episode: int) -> int:
+        """Which log an episode was cut from."""
+        ...
+
     def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
         """Errors of forecasts that ask no model, a list of (c, m) for each of these."""
         ...
@@ -170,6 +174,10 @@ class ComparisonDefaults:
     def far_ahead(self) -> Comparison | None:
         """It has one way to predict."""
         return None
+
+    def log_of(self, episode: int) -> int:
+        """Each is a log."""
+        return episode
 
     def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
         """No forecast asks no model."""

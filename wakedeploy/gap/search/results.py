@@ -19,8 +19,10 @@ from wakedeploy.gap.search.artefacts import (
     Effect,
     Error,
     Forecast,
+    Half,
     Placebo,
     Quantity,
+    Repeated,
     Round,
     Size,
     Sizes,
@@ -56,8 +58,8 @@ def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
     )
 
 
-def answer_of(outcome: Named, key: str = "") -> Answer:
-    """Which effects, and how large they are."""
+def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None) -> Answer:
+    """Which effects, and how large they are; `again` is what each half of the logs says."""
     model = outcome.model
     sizes = _sizes(model, outcome.found, outcome.rounds)
     return Answer(
@@ -84,6 +86,7 @@ def answer_of(outcome: Named, key: str = "") -> Answer:
         is_far_ahead=outcome.is_far_ahead,
         found_theta=theta_of(outcome.found),
         base_theta=theta_of(outcome.base),
+        repeated=again,
     )
 
 

@@ -186,3 +186,39 @@ def test_constants_as_fitted_stand_in_the_details() -> None:
     alone = sentences(result(verdict="unknown", effects=[], **MOVED))
     assert "  Constants, as fitted:" in alone
     assert not any("Constants" in line for line in sentences(result(verdict="none", effects=[])))
+
+
+def halved(agree: bool, *spans: tuple[float, float]) -> dict[str, object]:
+    halves = [
+        {"leading": LAG, "gain_nats": 9.0, "near": [LAG], "parameter": "tau_s", "low": low,
+         "high": high, "unit": "s", "episodes": ["a 1/2"]}
+        for low, high in spans
+    ]  # fmt: skip
+    return {"repeated": {"agree": agree, "halves": halves}}
+
+
+def test_halves_that_agree_are_told_with_their_sizes() -> None:
+    said = told({"a": (1.0, 0.5)}, **halved(True, (0.1, 0.14), (0.09, 0.12)))
+    assert (
+        f"  Both halves of the logs say so by themselves: {LAG} (tau_s from 100 to 140 ms) and "
+        f"{LAG} (tau_s from 90 to 120 ms)."
+    ) in said
+    (sure,) = [line for line in said if line.startswith("How sure is that? ")]
+    assert "bear it out. Each half of the logs by itself says the same." in sure
+
+
+def test_of_several_effects_halves_speak_of_the_first() -> None:
+    effects = [{"name": n, "parameters": {}, "forecast": SHARE} for n in (LAG, "drag@v")]
+    said = told({"a": (1.0, 0.5)}, effects=effects, **halved(True, (0.1, 0.14), (0.09, 0.12)))
+    assert any(f"Each half of the logs by itself says the same of `{LAG}`." in x for x in said)
+
+
+def test_halves_that_do_not_agree_ask_for_more_logs() -> None:
+    said = told({"a": (1.0, 0.5)}, **halved(False, (0.1, 0.14), (0.19, 0.22)))
+    (line,) = [x for x in said if "The two halves of the logs do not agree: lag@" in x]
+    assert line.endswith("More logs would tell.")
+    assert any("The two halves of the logs do not agree: record more." in x for x in said)
+
+
+def test_where_no_half_was_asked_nothing_is_said_of_halves() -> None:
+    assert not any("half" in line or "halves" in line for line in told({"a": (1.0, 0.5)}))

@@ -20,6 +20,7 @@ from wakedeploy.gap.search.artefacts import (
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
 from wakedeploy.gap.systems.answers.advice import more_than_named, rest_words, unknown_step
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words, told_otherwise
+from wakedeploy.gap.systems.answers.halves import repeated_answer, repeated_sentences
 from wakedeploy.gap.systems.answers.importance import (
     by_output,
     importance,
@@ -77,7 +78,11 @@ def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
 
 
 def remarks(answer: Answer) -> list[str]:
-    """What stands in no table: fits that were stopped, what is left, what was not named and why."""
+    """What stands in no table.
+
+    That is: what each half of the logs says, fits that were stopped, what is left, and what was not
+    named and why.
+    """
     far = [_FAR_AHEAD] if answer.is_far_ahead else []
     far += [
         f"`{name}` is one sample. A controller that logs its readings and the command that follows "
@@ -91,7 +96,13 @@ def remarks(answer: Answer) -> list[str]:
         "its own, Input(…, law=…), and ask again."
         for name in answer.curved
     ]
-    return [*far, *_unsettled(answer), *_unexplained(answer), *_rejected(answer)]
+    return [
+        *far,
+        *repeated_sentences(answer),
+        *_unsettled(answer),
+        *_unexplained(answer),
+        *_rejected(answer),
+    ]
 
 
 def _found(disagreements: Disagreements) -> list[str]:
@@ -142,7 +153,6 @@ def lacking_of_class(answer: Answer) -> str:
 
 def _certainty(result: Result) -> str:
     """What the answer rests on."""
-    fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
     if result.moved:
         return "Not before constants and units are known to be right."
     if result.verdict == "none":
@@ -154,14 +164,21 @@ def _certainty(result: Result) -> str:
         evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
-    rest = "" if result.white.after.passes else f" {_MORE_IS_LEFT}"
+    rest = "" if result.white.after.passes else _MORE_IS_LEFT
+    said = [beyond, _borne_out(result), repeated_answer(result), rest]
+    return " ".join(sentence for sentence in said if sentence)
+
+
+def _borne_out(result: Result) -> str:
+    """What blocks kept apart say; of a class, that it is open."""
     if result.verdict == "class":
-        return f"{beyond} Which of them it is, is open.{rest}"
+        return "Which of them it is, is open."
+    fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
     found = f"Found on {counted(fitted, 'block')} of the logs"
     apart = f"readings of {counted(sealed, 'block')} kept apart"
     if result.sealed_gain_nats > 0.0:
-        return f"{beyond} {found}; the {apart} bear it out.{rest}"
-    return f"{beyond} {found}; the {apart} do not confirm it: record more."
+        return f"{found}; the {apart} bear it out."
+    return f"{found}; the {apart} do not confirm it: record more."
 
 
 def next_step(result: Result, planned: "Planned | None" = None) -> str:

@@ -12,9 +12,11 @@ from wakedeploy.core.rig import EffectParameter
 from wakedeploy.gap.search.artefacts import (
     Error,
     Forecast,
+    Lead,
     Measured,
     Number,
     Part,
+    Repeated,
 )
 
 _NAN = math.nan
@@ -180,27 +182,10 @@ class Bent(Part):
     away_sd: Number
 
 
-class Half(Part):
-    """One half of the flights by itself: what leads there, and its first parameter's interval.
-
-    `near` are all within a class's width of the leading one.
-    """
+class Half(Lead):
+    """One half of the flights by itself."""
 
     flights: list[str]
-    leading: str
-    gain_nats: Number
-    near: list[str]
-    parameter: str
-    low: Number
-    high: Number
-    unit: str
-
-
-class Repeated(Part):
-    """Both halves; `agree` where both lead with what the whole search found, at one size."""
-
-    agree: bool
-    halves: list[Half] = []
 
 
 class Answer(Part):
@@ -230,7 +215,7 @@ class Answer(Part):
     small: Expression | None = None
     worth: Worth | None = None
     explainable: Forecast | None = None
-    repeated: Repeated | None = None
+    repeated: Repeated[Half] | None = None
 
     @property
     def claims(self) -> bool:

@@ -105,6 +105,10 @@ class LogModel(ComparisonDefaults):
         """How many blocks there are."""
         return len(self.blocks)
 
+    def log_of(self, episode: int) -> int:
+        """The log that a block is of."""
+        return self.blocks[episode].log
+
     def thinned(self) -> "LogModel":
         """The same of long logs, with the first samples of each block alone; else itself.
 

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, rank_fairly
-from wakedeploy.gap.systems.gantry.findings import Half, Repeated
+from wakedeploy.gap.search.artefacts import Repeated
+from wakedeploy.gap.search.repeatability import PROMISING, RIVALS, agree
+from wakedeploy.gap.systems.gantry.findings import Half
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
@@ -21,11 +23,9 @@ from wakedeploy.gap.systems.gantry.search.outcome import Answer
 from wakedeploy.physics.effects import LIBRARY
 
 FEWEST = 2 * RULES.fewest_flights
-_RIVALS = 3  # of the whole search's ranking that each half looks at as well
-_PROMISING = 3
 
 
-def repeated(answer: Answer, sealed: Sequence[Flight]) -> Repeated | None:
+def repeated(answer: Answer, sealed: Sequence[Flight]) -> Repeated[Half] | None:
     """Both halves' answers about the first effect found; None where there is nothing to repeat.
 
     That is: too few flights, the `sealed` included, or no effect of the library.
@@ -39,12 +39,12 @@ def repeated(answer: Answer, sealed: Sequence[Flight]) -> Repeated | None:
     flights = (*answer.base_model.flights, *moved.flights)
     wanted = _shortlist(answer, found)
     halves = [_half(answer, flights[start::2], found, wanted) for start in (0, 1)]
-    return Repeated(agree=_agree(halves[0], halves[1], found), halves=halves)
+    return Repeated(agree=agree(halves[0], halves[1], {found}), halves=halves)
 
 
 def _shortlist(answer: Answer, found: str) -> list[str]:
     first = next(r for r in answer.rounds if r.found == found)
-    rivals = [c.name for c in first.ranking if c.name != found][:_RIVALS]
+    rivals = [c.name for c in first.ranking if c.name != found][:RIVALS]
     return [found, *rivals]
 
 
@@ -54,7 +54,7 @@ def _half(answer: Answer, flights: Sequence[Flight], found: str, wanted: Sequenc
     known = {entry.name for entry in answer.model.rig.effect}
     others = [n for n in LIBRARY if n not in known and n not in wanted]
     promised = dict(zip(others, promises(model, base, others), strict=True))
-    most = sorted(others, key=lambda n: -promised[n])[:_PROMISING]
+    most = sorted(others, key=lambda n: -promised[n])[:PROMISING]
     base, ranked = rank_fairly(model, base, [*wanted, *most])
     near = [c for c in ranked if c.gain_nats > ranked[0].gain_nats - RULES.class_nats]
     return _half_of(flights, near, found)
@@ -75,9 +75,3 @@ def _half_of(flights: Sequence[Flight], near: Sequence[Candidate], found: str) -
         high=high,
         unit=parameter.unit,
     )
-
-
-def _agree(first: Half, other: Half, found: str) -> bool:
-    """Both lead with it, gain something, and their intervals meet."""
-    led = all(half.leading == found and half.gain_nats > 0.0 for half in (first, other))
-    return led and first.low <= other.high and other.low <= first.high

@@ -1,0 +1,35 @@
+"""Whether two halves of the logs give the same answer, in words.
+
+In: an answer of a system. Out: sentences for a terminal and a page.
+"""
+
+from wakedeploy.gap.search.artefacts import Answer, Half, Size
+from wakedeploy.gap.systems.answers.reader_units import as_read
+from wakedeploy.gap.wording import halves_said, span
+
+
+def repeated_sentences(answer: Answer) -> list[str]:
+    """What each half of the logs leads with by itself, and its size; [] where none was asked."""
+    again = answer.repeated
+    if again is None or len(again.halves) != 2:
+        return []
+    return [halves_said(again.agree, [_half(half) for half in again.halves], "logs")]
+
+
+def repeated_answer(answer: Answer) -> str:
+    """The same without sizes; "" where no half was asked."""
+    again = answer.repeated
+    if again is None:
+        return ""
+    if not again.agree:
+        return "The two halves of the logs do not agree: record more."
+    several = f" of `{answer.effects[0].name}`" if len(answer.effects) > 1 else ""
+    return f"Each half of the logs by itself says the same{several}."
+
+
+def _half(half: Half) -> str:
+    """`coulomb-friction@speed_mps (force from 1.1 to 1.3 N)`."""
+    middle = 0.5 * (half.low + half.high)
+    size = Size(value=middle, low=half.low, high=half.high, unit=half.unit)
+    name, told = as_read(half.leading, half.parameter, size)
+    return f"{half.leading} ({name} {span(told.low, told.high, told.unit)})"
