@@ -180,48 +180,6 @@ def accelerations(
 
 
 @compiled
-def jet_weights(
-    x_m: FloatArray,  # (N,) at the steps' ends
-    above_m: FloatArray,  # (N,) height minus the source's
-    speed_mps: float,  # at which all puffs sink
-    ages_s: FloatArray,  # (M,) as of `jet_along`
-    amplitude_mps: FloatArray,  # (M,)
-    width2_m2: FloatArray,  # (M,)
-) -> FloatArray:
-    """What each puff of unit root adds to the jet's velocity and its slope, (2, N, M).
-
-    They depend on path and shape alone, and not on the thrusts: see `jet_of_weights`.
-    """
-    result = np.zeros((2, len(x_m), len(ages_s)))
-    for k in range(len(x_m)):
-        for j in range(min(k + 1, len(ages_s))):
-            below = above_m[k] + speed_mps * ages_s[j]
-            exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2_m2[j]
-            if exponent > -18.0:
-                part = amplitude_mps[j] * math.exp(exponent)
-                result[0, k, j] = -part
-                result[1, k, j] = part * below / width2_m2[j]
-    return result
-
-
-@compiled
-def jet_of_weights(
-    root: FloatArray,  # (N,) √(u/u_reference), mean over each step
-    weights: FloatArray,  # (2, N, M) as `jet_weights` has them
-) -> FloatArray:
-    """The jet's vertical velocity [m/s] along a path, and its slope over height [1/s], (2, N)."""
-    count, puffs = weights.shape[1:]
-    result = np.zeros((2, count))
-    for k in range(count):
-        velocity, slope = 0.0, 0.0
-        for j in range(min(k + 1, puffs)):
-            velocity += weights[0, k, j] * root[k - j]
-            slope += weights[1, k, j] * root[k - j]
-        result[0, k], result[1, k] = velocity, slope
-    return result
-
-
-@compiled
 def jet_along(
     root: FloatArray,  # (N,) √(u/u_reference), mean over each step
     x_m: FloatArray,  # (N,) at the steps' ends
@@ -230,19 +188,24 @@ def jet_along(
     ages_s: FloatArray,  # (M,) of the puffs at a step's end, newest first
     amplitude_mps: FloatArray,  # (M,) at the reference thrust, as `jet.puff_shapes` has it
     width2_m2: FloatArray,  # (M,)
+    near: FloatArray,  # (N, M) how near each puff is to the path: written here, or read
+    is_known: bool,  # whether `near` is known, from other roots along the same path
 ) -> FloatArray:
     """The jet's vertical velocity [m/s] along a path, and its slope over height [1/s], (2, N).
 
     `jet.air_mps` for every step, with the slope; puffs that are six widths away are passed over.
+    How near they are goes with path and shape, and not with thrusts.
     """
     result = np.zeros((2, len(root)))
     for k in range(len(root)):
         velocity, slope = 0.0, 0.0
         for j in range(min(k + 1, len(ages_s))):
             below = above_m[k] + speed_mps[k - j] * ages_s[j]
-            exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2_m2[j]
-            if exponent > -18.0:
-                part = amplitude_mps[j] * root[k - j] * math.exp(exponent)
+            if not is_known:
+                exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2_m2[j]
+                near[k, j] = math.exp(exponent) if exponent > -18.0 else 0.0
+            if near[k, j] > 0.0:
+                part = amplitude_mps[j] * root[k - j] * near[k, j]
                 velocity -= part
                 slope += part * below / width2_m2[j]
         result[0, k], result[1, k] = velocity, slope

@@ -34,8 +34,6 @@ from wakedeploy.physics.range_sensor import seen_m
 from wakedeploy.physics.series import (
     accelerations,
     jet_along,
-    jet_of_weights,
-    jet_weights,
     spooled_thrust,
 )
 
@@ -90,7 +88,9 @@ class Physics:
         )
         edges = np.append(flight.grid_s, flight.grid_s[-1] + DT_S)
         self._edges = edges
-        self._last_path: Hashable = None
+        # Of the jet that was computed last: its shape, its path, and how near its puffs are to it.
+        self._last_jet: tuple[tuple[Hashable, FloatArray] | None, FloatArray]
+        self._last_jet = None, np.empty((0, 0))
         sensor = rig.range_sensor
         self._chance = chance_of_equals(sensor.resolution_m, sensor.noise_m)
 
@@ -198,7 +198,7 @@ class Physics:
             if moving:
                 motion = _with(self._still, source_n=source_n)
                 lateral_m = carriage_m - effects.wake_offset_m(motion, self._setting)
-            return *self._jet(constants, source_n, lateral_m, is_kept=not moving), lateral_m
+            return *self._jet(constants, source_n, lateral_m), lateral_m
 
         air, *_ = self._remembered("air", key, lambda: (compute(), source_n, carriage_m))
         strength = constants["wake.strength"]
@@ -239,9 +239,8 @@ class Physics:
         )
 
     def _jet(
-        self, constants: Constants, source_n: FloatArray, x_m: FloatArray, *, is_kept: bool
+        self, constants: Constants, source_n: FloatArray, x_m: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Velocity and slope along a path that `is_kept`, if others will ask for it again."""
         air = self._air
         count = (air.stop - air.start) // 2
         root = np.sqrt(np.maximum(source_n[air.start : air.start + 2 * count], 0.0))
@@ -251,28 +250,26 @@ class Physics:
         above = self._flight.nominal[0, ends] - self._rig.source.height_m
         shape = _of_wake(constants)
         ages, *shapes = self._remembered("puffs", tuple(shape.values()), lambda: self._puffs(shape))
-        path = (x_m[ends], above)
-        key = (tuple(shape.values()), id(x_m))
-        weights = None
-        if is_kept and shape["speed_exponent"] == 0.0 and self._is_asked_again(key):
-            weights, _ = self._remembered(
-                "weights", key, lambda: (jet_weights(*path, shape["speed_mps"], ages, *shapes), x_m)
-            )
-        if weights is not None:
-            velocity, slope = jet_of_weights(root, weights)
-        else:
-            speed = np.full(count, shape["speed_mps"])
-            if shape["speed_exponent"] != 0.0:
-                speed *= paces(root, shape["speed_exponent"])
-            velocity, slope = jet_along(root, *path, speed, ages, *shapes)
+        speed = np.full(count, shape["speed_mps"])
+        if shape["speed_exponent"] != 0.0:
+            speed *= paces(root, shape["speed_exponent"])
+        near, is_known = self._near(shape, x_m, (count, len(ages)))
+        path = (x_m[ends], above, speed)
+        velocity, slope = jet_along(root, *path, ages, *shapes, near, is_known)
         # Evaluated at the ends of pairs of steps, wanted at the middle of each step.
         at = np.arange(len(source_n)) + 0.5
         return np.interp(at, ends + 1.0, velocity), np.interp(at, ends + 1.0, slope)
 
-    def _is_asked_again(self, key: Hashable) -> bool:
-        """Whether this path and shape were the last that were asked for."""
-        last, self._last_path = self._last_path, key
-        return key == last
+    def _near(
+        self, shape: dict[str, float], x_m: FloatArray, size: tuple[int, int]
+    ) -> tuple[FloatArray, bool]:
+        """How near puffs are (N, M), and whether it is known of this path and shape."""
+        asked, (known, near) = (tuple(shape.values()), x_m), self._last_jet
+        is_known = known is not None and known[0] == asked[0] and known[1] is x_m
+        if near.shape != size:
+            near = np.empty(size)
+        self._last_jet = asked, near
+        return near, is_known and shape["speed_exponent"] == 0.0
 
     def _puffs(self, shape: dict[str, float]) -> tuple[FloatArray, Floats, Floats]:
         """Ages [s], axial speeds [m/s] and widths² [m²] of the puffs in the air, (M,)."""
