@@ -66,35 +66,6 @@ def spooled_thrust(target: FloatArray, up_s: float, down_s: float, dt_s: float) 
     return thrust
 
 
-def _rail_law(
-    v: float,
-    driving_n: float,
-    coulomb_n: float,
-    viscous_n_per_mps: float,
-    stiction_n: float,
-    sliding_mps: float,
-    resting_mps: float,
-) -> float:
-    """Friction [N] at one speed; see `rail_friction`."""
-    if abs(v) > 8.0 * sliding_mps:
-        sliding = math.copysign(coulomb_n, v) + viscous_n_per_mps * v
-    else:
-        sliding = _sliding_n(coulomb_n, viscous_n_per_mps, v, sliding_mps)
-    if abs(v) >= 4.0 * resting_mps:
-        return sliding
-    most_n = max(stiction_n, coulomb_n, 1e-6)
-    resting = math.exp(-(v / resting_mps) * (v / resting_mps))
-    holding, beyond = driving_n, abs(driving_n) / most_n - 1.0
-    if beyond > 0.0:
-        left_n = coulomb_n + (most_n - coulomb_n) * max(0.0, 1.0 - _LOOSE * beyond)
-        holding = math.copysign(left_n, driving_n)
-        resting *= max(0.0, 1.0 - beyond)
-    return sliding + resting * (holding - sliding)
-
-
-_rail_n = compiled(_rail_law)
-
-
 @compiled
 def rail_friction(
     vz_mps: FloatArray,  # (N,)
@@ -114,68 +85,22 @@ def rail_friction(
     through zero, nothing is held. Steps of either kind would make the likelihood jagged.
     """
     result = np.empty_like(vz_mps)
+    most_n = max(stiction_n, coulomb_n, 1e-6)
     for k in range(len(vz_mps)):
-        result[k] = _rail_n(
-            vz_mps[k],
-            driving_n[k],
-            coulomb_n,
-            viscous_n_per_mps,
-            stiction_n,
-            sliding_mps,
-            resting_mps,
-        )
-    return result
-
-
-@compiled
-def accelerations(
-    vz_mps: FloatArray,  # (N,)
-    driving_n: FloatArray,  # (4, N) all but friction: here, higher, faster, slower
-    inertia_kg: FloatArray,  # (4, N)
-    bends: FloatArray,  # (4, K, N) of the friction, beyond its curve
-    bend_n: FloatArray,  # (K,) their sizes
-    coulomb_n: float,
-    viscous_n_per_mps: float,
-    stiction_n: float,
-    sliding_mps: float,
-    resting_mps: float,
-    dz_m: float,  # by which "higher" is higher
-    dv_mps: float,  # by which "faster" is faster, and "slower" slower
-    first: int,  # where they begin on the whole grid
-    count: int,  # how long that is
-) -> FloatArray:
-    """Acceleration [m/s²] with the rail's friction, its slopes by height and by speed, (3, count).
-
-    Before and behind the N steps they are as at their ends.
-    """
-    result = np.empty((3, count))
-    found = np.empty(4)
-    n = len(vz_mps)
-    for k in range(n):
-        for i in range(4):
-            v = vz_mps[k]
-            if i == 2:
-                v += dv_mps
-            elif i == 3:
-                v -= dv_mps
-            total = driving_n[i, k] - _rail_n(
-                v,
-                driving_n[i, k],
-                coulomb_n,
-                viscous_n_per_mps,
-                stiction_n,
-                sliding_mps,
-                resting_mps,
-            )
-            for j in range(len(bend_n)):
-                total -= bend_n[j] * bends[i, j, k]
-            found[i] = total / inertia_kg[i, k]
-        result[0, first + k] = found[0]
-        result[1, first + k] = (found[1] - found[0]) / dz_m
-        result[2, first + k] = (found[2] - found[3]) / (2 * dv_mps)
-    for i in range(3):
-        result[i, :first] = result[i, first]
-        result[i, first + n :] = result[i, first + n - 1]
+        v = vz_mps[k]
+        if abs(v) > 8.0 * sliding_mps:
+            sliding = math.copysign(coulomb_n, v) + viscous_n_per_mps * v
+        else:
+            sliding = _sliding_n(coulomb_n, viscous_n_per_mps, v, sliding_mps)
+        result[k] = sliding
+        if abs(v) < 4.0 * resting_mps:
+            resting = math.exp(-(v / resting_mps) * (v / resting_mps))
+            holding, beyond = driving_n[k], abs(driving_n[k]) / most_n - 1.0
+            if beyond > 0.0:
+                left_n = coulomb_n + (most_n - coulomb_n) * max(0.0, 1.0 - _LOOSE * beyond)
+                holding = math.copysign(left_n, driving_n[k])
+                resting *= max(0.0, 1.0 - beyond)
+            result[k] += resting * (holding - sliding)
     return result
 
 
@@ -188,24 +113,19 @@ def jet_along(
     ages_s: FloatArray,  # (M,) of the puffs at a step's end, newest first
     amplitude_mps: FloatArray,  # (M,) at the reference thrust, as `jet.puff_shapes` has it
     width2_m2: FloatArray,  # (M,)
-    near: FloatArray,  # (N, M) how near each puff is to the path: written here, or read
-    is_known: bool,  # whether `near` is known, from other roots along the same path
 ) -> FloatArray:
     """The jet's vertical velocity [m/s] along a path, and its slope over height [1/s], (2, N).
 
     `jet.air_mps` for every step, with the slope; puffs that are six widths away are passed over.
-    How near they are goes with path and shape, and not with thrusts.
     """
     result = np.zeros((2, len(root)))
     for k in range(len(root)):
         velocity, slope = 0.0, 0.0
         for j in range(min(k + 1, len(ages_s))):
             below = above_m[k] + speed_mps[k - j] * ages_s[j]
-            if not is_known:
-                exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2_m2[j]
-                near[k, j] = math.exp(exponent) if exponent > -18.0 else 0.0
-            if near[k, j] > 0.0:
-                part = amplitude_mps[j] * root[k - j] * near[k, j]
+            exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2_m2[j]
+            if exponent > -18.0:
+                part = amplitude_mps[j] * root[k - j] * math.exp(exponent)
                 velocity -= part
                 slope += part * below / width2_m2[j]
         result[0, k], result[1, k] = velocity, slope

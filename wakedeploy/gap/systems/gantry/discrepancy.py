@@ -127,13 +127,8 @@ def friction_n(rig: Rig, constants: Mapping[str, float], basis: FloatArray) -> F
 
     Sizes are shares of the rig file's Coulomb friction.
     """
-    return np.asarray(friction_sizes_n(rig, constants) @ basis)
-
-
-def friction_sizes_n(rig: Rig, constants: Mapping[str, float]) -> FloatArray:
-    """The sizes [N] of the functions of a `friction_basis`, (K,)."""
-    sizes = np.array([constants.get(name, 0.0) for name in _FRICTION])
-    return np.asarray(max(rig.rail.coulomb_n, _LEAST_FRICTION_N) * sizes)
+    sizes = [constants.get(name, 0.0) for name in _FRICTION]
+    return np.asarray(max(rig.rail.coulomb_n, _LEAST_FRICTION_N) * (np.array(sizes) @ basis))
 
 
 def friction_basis(vz_mps: FloatArray, heights: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.systems.gantry.discrepancy import (
     friction_basis,
-    friction_sizes_n,
+    friction_n,
     heights_of,
     places_of,
     wake_basis,
@@ -31,11 +31,7 @@ from wakedeploy.physics.effects.acting import blow, motion_along, push
 from wakedeploy.physics.effects.chain import Chain, Parts, setting_of
 from wakedeploy.physics.jet import Floats, drag_force, paces, puff_count, puff_shapes
 from wakedeploy.physics.range_sensor import seen_m
-from wakedeploy.physics.series import (
-    accelerations,
-    jet_along,
-    spooled_thrust,
-)
+from wakedeploy.physics.series import jet_along, rail_friction, spooled_thrust
 
 Result = TypeVar("Result")
 
@@ -82,15 +78,12 @@ class Physics:
         self._flown = slice(first, last)
         self._air = slice(max(first - round(_PASSED_S / DT_S), 0) // 2 * 2, last)
         self._kept: dict[str, OrderedDict[Hashable, object]] = {}
-        self._bends: FloatArray | None = None  # of the friction, at the motions of slopes
+        self._bends: dict[tuple[float, float], FloatArray] = {}
         self._still = motion_along(
             flight.grid_s, flight.take_off_s, flight.x_m, flight.vx_mps, DT_S
         )
         edges = np.append(flight.grid_s, flight.grid_s[-1] + DT_S)
         self._edges = edges
-        # Of the jet that was computed last: its shape, its path, and how near its puffs are to it.
-        self._last_jet: tuple[tuple[Hashable, FloatArray] | None, FloatArray]
-        self._last_jet = None, np.empty((0, 0))
         sensor = rig.range_sensor
         self._chance = chance_of_equals(sensor.resolution_m, sensor.noise_m)
 
@@ -165,16 +158,10 @@ class Physics:
     ) -> FloatArray:
         """The same with the servo frames at `frame_s`, each up to `longer_s` longer."""
         line: Line = getattr(self._flight, motor)
-        window_s, delay_s = constants["command.window_s"], constants["command.delay_s"]
-
-        def asked() -> FloatArray:
-            share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
-            back_s = window_s * (share - 0.5) + longer_s * share
-            asked_s = frame_s[:, None] - delay_s - back_s[None, :]
-            return np.asarray(line.at(asked_s).mean(axis=1))
-
-        asked_for = (id(frame_s), window_s, delay_s, longer_s)
-        pulse = self._remembered(f"asked.{motor}", asked_for, asked)
+        share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
+        back_s = constants["command.window_s"] * (share - 0.5) + longer_s * share
+        asked_s = frame_s[:, None] - constants["command.delay_s"] - back_s[None, :]
+        pulse = line.at(asked_s).mean(axis=1)
         pulse = effects.pulses_us(pulse, motor, self._rig.limits.pulse_us[0])
         area = np.concatenate([[0.0], np.cumsum(pulse[:-1] * np.diff(frame_s))])
         at_edges = np.interp(self._edges, frame_s, area)
@@ -253,23 +240,10 @@ class Physics:
         speed = np.full(count, shape["speed_mps"])
         if shape["speed_exponent"] != 0.0:
             speed *= paces(root, shape["speed_exponent"])
-        near, is_known = self._near(shape, x_m, (count, len(ages)))
-        path = (x_m[ends], above, speed)
-        velocity, slope = jet_along(root, *path, ages, *shapes, near, is_known)
+        velocity, slope = jet_along(root, x_m[ends], above, speed, ages, *shapes)
         # Evaluated at the ends of pairs of steps, wanted at the middle of each step.
         at = np.arange(len(source_n)) + 0.5
         return np.interp(at, ends + 1.0, velocity), np.interp(at, ends + 1.0, slope)
-
-    def _near(
-        self, shape: dict[str, float], x_m: FloatArray, size: tuple[int, int]
-    ) -> tuple[FloatArray, bool]:
-        """How near puffs are (N, M), and whether it is known of this path and shape."""
-        asked, (known, near) = (tuple(shape.values()), x_m), self._last_jet
-        is_known = known is not None and known[0] == asked[0] and known[1] is x_m
-        if near.shape != size:
-            near = np.empty(size)
-        self._last_jet = asked, near
-        return near, is_known and shape["speed_exponent"] == 0.0
 
     def _puffs(self, shape: dict[str, float]) -> tuple[FloatArray, Floats, Floats]:
         """Ages [s], axial speeds [m/s] and widths² [m²] of the puffs in the air, (M,)."""
@@ -307,32 +281,16 @@ class Physics:
         def compute() -> _Sum:
             # Half of a log is before take-off and after touch-down: nobody asks for its forces.
             flown, air = _part(motion, self._flown), (wake[0][self._flown], wake[1][self._flown])
-            if self._bends is None:
-                self._bends = _bends(self._setting, flown)
-            pushed = _pushed(self._rig, self._setting, effects, flown, air)
-            here = pushed[0]
-            linear = accelerations(
-                flown.vz_mps,
-                np.array([at.driving_n for at in pushed]),
-                np.array([at.inertia_kg for at in pushed]),
-                self._bends,
-                friction_sizes_n(self._rig, constants),
-                *rail,
-                _SLIDING_MPS,
-                _RESTING_MPS,
-                _DZ_M,
-                _DV_MPS,
-                self._flown.start,
-                len(self._flight.grid_s),
-            )
-            return _Sum(
-                linear,
-                self._held(here.sufferer_n),
-                self._held(here.air_mps),
-                self._held(here.wake_n),
-                self._held(here.inertia_kg),
-                (source_n, sufferer_n, wake),
-            )
+            at = _Motions(self._rig, self._setting, flown, air, self._bends)
+            middle = at.acceleration(constants, effects, 0.0, 0.0)
+            higher = at.acceleration(constants, effects, _DZ_M, 0.0)[0]
+            faster = at.acceleration(constants, effects, 0.0, _DV_MPS)[0]
+            slower = at.acceleration(constants, effects, 0.0, -_DV_MPS)[0]
+            slopes = (higher - middle[0]) / _DZ_M, (faster - slower) / (2 * _DV_MPS)
+            linear = np.stack([self._held(values) for values in (middle[0], *slopes)])
+            thrust_n, air_mps, wake_n, inertia_kg = (self._held(values) for values in middle[1:])
+            made_of = (source_n, sufferer_n, wake)
+            return _Sum(linear, thrust_n, air_mps, wake_n, inertia_kg, made_of)
 
         found = self._remembered("sum", (*key, acting), compute)
         return Forces(
@@ -353,20 +311,6 @@ class Physics:
         return whole
 
     def _reading(
-        self, constants: Constants, effects: Chain, motion: Motion
-    ) -> tuple[FloatArray, FloatArray, Held]:
-        """When samples were taken, what is expected of them, and how those are held."""
-        sensor = tuple(constants[f"range.{c}"] for c in ("hold_s", "delay_s", "bias_m", "scale"))
-        acting = _key(effects.acting("range_m"))
-        thrusts = (motion.source_n, motion.sufferer_n) if acting else ()
-        found, _ = self._remembered(
-            "reading",
-            (sensor, acting, *map(id, thrusts)),
-            lambda: (self._read(constants, effects, motion), thrusts),
-        )
-        return found
-
-    def _read(
         self, constants: Constants, effects: Chain, motion: Motion
     ) -> tuple[FloatArray, FloatArray, Held]:
         flight = self._flight
@@ -416,61 +360,45 @@ class _Sum(NamedTuple):
     made_of: object
 
 
-class _Pushed(NamedTuple):
-    """What acts on the sufferer at a motion, but for friction, (N,) each."""
+@dataclass(frozen=True, eq=False)
+class _Motions:
+    """The forces along a flight, at motions near the nominal one."""
 
-    driving_n: FloatArray
-    inertia_kg: FloatArray
-    sufferer_n: FloatArray
-    air_mps: FloatArray
-    wake_n: FloatArray
+    rig: Rig
+    setting: Setting
+    nominal: Motion
+    wake: tuple[FloatArray, FloatArray]
+    bends: dict[tuple[float, float], FloatArray]  # of the friction, at motions that were asked for
 
-
-_MOTIONS = ((0.0, 0.0), (_DZ_M, 0.0), (0.0, _DV_MPS), (0.0, -_DV_MPS))  # by height, by speed
-
-
-def _pushed(
-    rig: Rig,
-    setting: Setting,
-    effects: Chain,
-    nominal: Motion,
-    wake: tuple[FloatArray, FloatArray],
-) -> list[_Pushed]:
-    """At the nominal motion, higher, faster and slower; speed matters only to what acts there."""
-    if any(effects.acts_on(quantity) for quantity in _PUSHING):
-        return [_pushed_at(rig, setting, effects, nominal, wake, *at) for at in _MOTIONS]
-    here, higher = (_pushed_at(rig, setting, effects, nominal, wake, *at) for at in _MOTIONS[:2])
-    return [here, higher, here, here]
-
-
-def _pushed_at(
-    rig: Rig,
-    setting: Setting,
-    effects: Chain,
-    nominal: Motion,
-    wake: tuple[FloatArray, FloatArray],
-    dz_m: float,
-    dv_mps: float,
-) -> _Pushed:
-    air = wake[0] + wake[1] * dz_m
-    m = _with(nominal, z_m=nominal.z_m + dz_m, vz_mps=nominal.vz_mps + dv_mps)
-    air_mps = np.asarray(blow(effects, m, setting, air))
-    wake_n = drag_force(rig.wake, 0.0, air_mps)
-    extra_n, added_kg = push(effects, m, setting, wake_n)
-    inertia_kg = np.full(len(wake_n), setting.mass_kg) + added_kg
-    driving_n = np.asarray(m.sufferer_n + wake_n + extra_n - setting.weight_n)
-    return _Pushed(driving_n, inertia_kg, np.asarray(m.sufferer_n), air_mps, wake_n)
-
-
-def _bends(setting: Setting, nominal: Motion) -> FloatArray:
-    """What friction may have beyond its curve at each of the motions, (4, K, N)."""
-    return np.array([
-        friction_basis(
-            np.asarray(nominal.vz_mps + dv_mps),
-            heights_of(setting.travel_m, np.asarray(nominal.z_m + dz_m)),
+    def acceleration(
+        self, constants: Constants, effects: Chain, dz_m: float, dv_mps: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Acceleration [m/s²], the sufferer's thrust, the wake's speed and force, the inertia."""
+        air = self.wake[0] + self.wake[1] * dz_m
+        m = _with(
+            self.nominal,
+            z_m=self.nominal.z_m + dz_m,
+            vz_mps=self.nominal.vz_mps + dv_mps,
         )
-        for dz_m, dv_mps in _MOTIONS
-    ])  # fmt: skip
+        air_mps = np.asarray(blow(effects, m, self.setting, air))
+        wake_n = drag_force(self.rig.wake, 0.0, air_mps)
+        extra_n, added_kg = push(effects, m, self.setting, wake_n)
+        inertia = np.full(len(wake_n), self.setting.mass_kg) + added_kg
+        driving = np.asarray(m.sufferer_n + wake_n + extra_n - self.setting.weight_n)
+        total = driving - rail_friction(
+            np.asarray(m.vz_mps),
+            driving,
+            constants["rail.coulomb_n"],
+            constants["rail.viscous_n_per_mps"],
+            constants["rail.stiction_n"],
+            _SLIDING_MPS,
+            _RESTING_MPS,
+        )
+        if (dz_m, dv_mps) not in self.bends:
+            heights = heights_of(self.setting.travel_m, np.asarray(m.z_m))
+            self.bends[dz_m, dv_mps] = friction_basis(np.asarray(m.vz_mps), heights)
+        total = total - friction_n(self.rig, constants, self.bends[dz_m, dv_mps])
+        return total / inertia, np.asarray(m.sufferer_n), air_mps, wake_n, inertia
 
 
 def _in_the_air(flight: Flight) -> tuple[int, int]:
