@@ -23,7 +23,9 @@ def main() -> None:
     by_rig = {}
     for name, rig in rigs.items():
         null = threshold.simulate(rig, sets=SETS[name], progress=_tell(name))
-        by_rig[rig.sha256] = {"rig": name, "sets": len(null), **asdict(threshold.quantiles(null))}
+        found = asdict(threshold.quantiles(null))
+        of = {"rig": name, "sets": len(null), "searched_with": threshold.searched_with(rig)}
+        by_rig[rig.sha256] = of | found
     path = Path(threshold.__file__).with_name("thresholds.json")
     shipped = {"version": threshold.VERSION, "rigs": by_rig}
     write_text_whole(path, json.dumps(shipped, indent=1) + "\n")

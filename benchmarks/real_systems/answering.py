@@ -23,6 +23,7 @@ from wakedeploy.gap.search.artefacts import Ranked
 from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import Named
+from wakedeploy.gap.search.repeatability import repeated
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.weighing import unseen, weight_of
 from wakedeploy.gap.systems.checks import checked
@@ -44,7 +45,11 @@ def answer(case: Case, part: str) -> dict[str, Any]:
     document = answer_of(naming)
     plain = document.as_json()
     kept = {key: plain[key] for key in ("verdict", "class", "effects", "unsettled")}
+    searched_s = time.process_time()
+    again = repeated(naming) if part == "out" else None
     return kept | {
+        "repeated": None if again is None else again.model_dump(),
+        "seconds_repeating": time.process_time() - searched_s,
         "threshold_nats": document.threshold_nats,
         "leading": [_leading(ranked) for ranked in document.rounds[0].ranking[:LEADING]],
         "far_ahead": naming.is_far_ahead,
@@ -52,7 +57,7 @@ def answer(case: Case, part: str) -> dict[str, Any]:
         "samples": sum(log.outputs.shape[1] for log in model.logs),
         "rate_hz": model.system.rate_hz,
         "forecast_s": model.horizon * model.dt_s,
-        "seconds": time.process_time() - began_s,
+        "seconds": searched_s - began_s,
     }
 
 

@@ -13,7 +13,8 @@ _JUDGED = ("right", "partly", "class", "wrong", "nothing", "refused")
 def named(records: Records) -> Section:
     """What was named on each recording, how large it is, and what it changes."""
     rows: Sequence[Row] = records.json(RECORD)["rows"]
-    head = ["recording", "expected", "named", "size", "judged", "built in", "halves", "seconds"]
+    head = ["recording", "expected", "named", "size", "judged", "both say so", "built in", "halves",
+            "seconds"]  # fmt: skip
     return Section(
         "Systems that others built and recorded",
         f"The gap workflow on {len(rows)} public recordings, each with a textbook system that "
@@ -43,6 +44,8 @@ _BUILT_IN = (
     "know there; partly, where something else is named beside it; class, where it is among rivals. "
     "*Built in*: the answer once the textbook system has the effect; right is that nothing "
     "matters, next is another effect that the literature knows. A dash is what was not asked. "
+    "*Both say so*: whether each half of the logs, asked by the search itself, leads with what was "
+    "found first or with a member of its class, at a size whose interval meets the other's. "
     "*Halves*: what the two halves of "
     "the recording name. What was expected stands in `benchmarks/real_systems/cases.py`, with "
     "its sources. *Constants fitted* is the system as it is, its constants and noise fitted."
@@ -61,9 +64,19 @@ def _counts(rows: Sequence[Row]) -> str:
         f"With the effect left out: {counts}.\n\nWith it built in, {len(good)} of {len(built_in)} "
         "answers are right or name what else is known; that says something only where the effect "
         f"had been named when it was left out, in {both} of them.\n\nThe halves of "
-        f"{halves.count('same')} of {len(halves)} recordings give the same answer."
+        f"{halves.count('same')} of {len(halves)} recordings, each searched by itself, give the "
+        f"same answer.{_repeated(rows)}"
         f"{_of_earlier(rows)}"
     )
+
+
+def _repeated(rows: Sequence[Row]) -> str:
+    """How often the search's own halves say what it found first."""
+    asked = [again for row in rows if (again := row["answers"]["out"].get("repeated"))]
+    if not asked:
+        return ""
+    agree = sum(again["agree"] for again in asked)
+    return f" Of {len(asked)} answers both halves say what was found first in {agree}."
 
 
 def _of_earlier(rows: Sequence[Row]) -> str:
@@ -85,10 +98,21 @@ def _line(row: Row) -> list[str]:
         _names(out),
         _sizes(out),
         row["left_out"],
+        _said(out.get("repeated")),
         f"{row['left_in']}: {_names(built_in)}" if built_in else "–",
         _halves(row),
         f"{out['seconds']:.0f}" if "seconds" in out else "–",
     ]
+
+
+def _said(again: Row | None) -> str:
+    """Whether both halves say what was found; else what they lead with."""
+    if again is None:
+        return "–"
+    led = [half["leading"] for half in again["halves"]]
+    if again["agree"]:
+        return "yes"
+    return "no: other sizes" if led[0] == led[1] else f"no: {led[0]} / {led[1]}"
 
 
 def _leader(row: Row) -> list[str]:

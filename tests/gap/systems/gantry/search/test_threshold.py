@@ -1,6 +1,8 @@
 """Thresholds: their quantiles, the shipped file, and what a set without any effect is made of."""
 
 import dataclasses
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +11,14 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import append_json_line
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.gap.systems.gantry.rules import RULES
+from wakedeploy.gap.systems.gantry.search import threshold
 from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import (
     NullSet,
     known_thresholds,
     miscalibrated,
     quantiles,
+    searched_with,
     simulate,
 )
 from wakedeploy.physics.constants import constants_of, spreads_of
@@ -63,6 +67,15 @@ def test_the_default_rigs_thresholds_are_shipped(rig) -> None:
     # The best of thirty effects, each with half a chi-squared less what leaving out costs.
     assert 3.0 < known.effect_nats < 12.0
     assert 40.0 <= known.whiteness < 100.0
+
+
+@pytest.mark.parametrize("rig", [default_rig(), default_rig().without("spool")])
+def test_shipped_thresholds_are_of_the_form_and_the_library_that_there_are(rig) -> None:
+    """Else: another VERSION, and `python -m benchmarks.gap_thresholds`."""
+    shipped = json.loads(Path(threshold.__file__).with_name("thresholds.json").read_text())
+    assert shipped["rigs"][rig.sha256]["searched_with"] == searched_with(rig)
+    wider = rig.changed(discrepancy={"wake": 0.06})
+    assert searched_with(wider) != searched_with(rig)
 
 
 def test_a_corrected_rigs_effects_are_off_as_their_intervals_allow() -> None:

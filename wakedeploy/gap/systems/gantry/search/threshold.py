@@ -6,6 +6,7 @@ Ordinary calibration error gives wrong effects many nats; so does looking at thi
 A threshold therefore belongs to a rig and cannot be chosen.
 """
 
+import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -30,7 +31,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.search.artefacts import Place
-from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn
+from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn, free_terms
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
@@ -91,6 +92,17 @@ def thresholds_for(
         write_text_whole(path, json.dumps(asdict(known), indent=1))
         done.unlink(missing_ok=True)
     return known
+
+
+def searched_with(rig: Rig) -> str:
+    """A hash of what a search of this rig may fit: its form's terms, the library's parameters.
+
+    Thresholds that ship have it beside them. A change of it, as of another size of a form term,
+    asks for another `VERSION` and for new simulations.
+    """
+    terms = [(f.name, f.neutral, f.prior_sd) for f in free_terms(rig)]
+    effects = [(e.name, [asdict(p) for p in e.parameters]) for e in LIBRARY.values()]
+    return hashlib.sha256(repr((terms, effects)).encode()).hexdigest()
 
 
 def known_thresholds(rig: Rig) -> Thresholds | None:
