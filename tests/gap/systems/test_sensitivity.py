@@ -165,6 +165,7 @@ def test_an_input_that_is_never_near_zero_may_have_another_rest() -> None:
     (2.0, 1.5, 0.3, True),
     (2.0, 0.1, 0.3, False),
     (2.0, 1.5, 0.0, False),
+    (2.0, 1.5, 0.9, False),  # where it is cut, perhaps
     (0.0, 1.5, 0.3, False),  # before its first command
 ])  # fmt: skip
 def test_a_command_that_stands_still_amidst_the_others_is_told(begins_s, lasts_s, at, said) -> None:
@@ -173,7 +174,9 @@ def test_a_command_that_stands_still_amidst_the_others_is_told(begins_s, lasts_s
     time_s = log.time_s - log.time_s[0]
     columns["command_pct"][(time_s >= begins_s) & (time_s < begins_s + lasts_s)] = at
     notes = "\n".join(column_notes(LogModel(_valve(), [Recording("swung", log.time_s, columns)])))
-    told = "input command_pct stands at 0.3 in swung for 1.5 s from 2 s on, and seldom for more"
+    told = (
+        "input command_pct stands at 0.3 in swung for 1.5 s, from 2 s after its start, and seldom"
+    )
     assert (told in notes) == said
     assert ("stands at" in notes) == said
 

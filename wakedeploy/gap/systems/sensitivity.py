@@ -99,14 +99,17 @@ def column_notes(model: LogModel) -> list[str]:
         )
     notes += _ranges(model)
     notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]
-    notes += [*own_wraps(model), *_curves(model.system)]
+    notes += [*own_wraps(model), *_curves(model)]
     for i, stated in enumerate(model.system.inputs):
+        if stated.law is not None:  # it is as what it is made of
+            continue
         values = np.concatenate([log.inputs[i] for log in logs])
         notes += _notes(f"input {stated.name}", values)
         if any(p.role == "input" and p.name == stated.name for p in model.system.ports):
             notes += _off_zero(stated, values)
-        for log in logs if stated.law is None else ():
-            notes += _frozen(stated, log.name, log.inputs[i], model.dt_s)
+        ends = (values.min(), values.max())
+        for log in logs:
+            notes += _frozen(stated, log.name, log.inputs[i], ends, model.dt_s)
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
         notes += _notes(f"output {shown.name}", values)
@@ -118,13 +121,13 @@ def column_notes(model: LogModel) -> list[str]:
     return notes + _own_notes(model.system, dict(zip(names, columns, strict=True)))
 
 
-def _curves(system: System) -> list[str]:
+def _curves(model: LogModel) -> list[str]:
     """Inputs that act by a curve: behind that stands no port."""
     return [
-        f"input {name}: the rate of {state} goes with a curve of it. What lags, is late or limited "
-        "behind that curve, as a motor is behind the square of its command, has no port: state the "
-        "curve as an input of its own, Input(…, law=…)."
-        for name, state in system.curved.items()
+        f"input {name}: the rate of {state} goes with a curve of it. What lags behind that curve, "
+        "as a motor behind the square of its command, has no port: state the curve as an input of "
+        "its own, Input(…, law=…)."
+        for name, state in model.curves.items()
     ]
 
 
@@ -312,10 +315,13 @@ def _off_zero(stated: Input, values: FloatArray) -> list[str]:
     ]
 
 
-def _frozen(stated: Input, log: str, values: FloatArray, dt_s: float) -> list[str]:
+def _frozen(
+    stated: Input, log: str, values: FloatArray, ends: tuple[float, float], dt_s: float
+) -> list[str]:
     """An input that stands still in the midst of a log for much longer than it does elsewhere.
 
-    At 0 it may be at rest, as it may before the first command and behind the last.
+    At 0 it may be at rest, as it may before the first command and behind the last; at one of its
+    `ends` it may be cut.
     """
     begins = np.flatnonzero(np.diff(values)) + 1
     lasts = np.diff(begins)
@@ -324,12 +330,13 @@ def _frozen(stated: Input, log: str, values: FloatArray, dt_s: float) -> list[st
     longest = int(np.argmax(lasts))
     usual = float(np.quantile(lasts, _USUAL_RUN))
     value = float(values[begins[longest]])
-    if value == 0.0 or lasts[longest] < _FROZEN * usual:
+    if value in (0.0, *ends) or lasts[longest] < _FROZEN * usual:
         return []
     return [
         f"input {stated.name} stands at {minus(f'{value:.4g}')}{_behind(stated.unit)} in {log} for "
-        f"{dt_s * lasts[longest]:.3g} s from {dt_s * begins[longest]:.4g} s on, and seldom for "
-        f"more than {dt_s * usual:.2g} s elsewhere. If it was not logged there, cut that out."
+        f"{dt_s * lasts[longest]:.3g} s, from {dt_s * begins[longest]:.4g} s after its start, and "
+        f"seldom for more than {dt_s * usual:.2g} s elsewhere. If it was not logged there, cut "
+        "that out."
     ]
 
 

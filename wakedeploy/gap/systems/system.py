@@ -29,6 +29,7 @@ Law = Callable[["Point"], Any]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
 
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
+_SIZES, _POINTS = 10.0 ** np.arange(-1, 7), 20  # of inputs at which a law is tried, and how many
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,12 @@ class Input:
     then a log's first value does. A name or a unit that is not known, limits in the wrong order and
     a delay below 0 raise UnusableInput when the system is loaded.
 
-    `law(inputs)` computes the input, in `unit`, from the logged ones, (T,) each: a thrust that goes
-    with the square of a pulse. It is no column of a log then. What acts behind the law, as the lag
-    of a motor, acts at its port. It has neither a hold nor limits of its own: those are stated of
-    what is logged. A law that fails, or gives no numbers, raises UnusableInput by its name.
+    `law(inputs)` computes the input, in `unit`, from the logged ones: a thrust that goes with the
+    square of a pulse. These are numbers or arrays of one shape, which it returns and does not write
+    into. It is no column of a log then. What acts behind the law, as the lag of a motor, acts at
+    its port. It has neither a hold nor limits of its own: those are stated of what is logged; its
+    `delay_s` comes on top of theirs. A law that fails, or gives no numbers, raises UnusableInput by
+    its name.
     """
 
     name: str
@@ -320,19 +323,43 @@ class System:
 
     @functools.cached_property
     def made_of(self) -> dict[str, tuple[str, ...]]:
-        """The logged inputs that each input with a law depends on."""
-        logged, found = self._logged_of(self._probed()[0]), {}
+        """The logged inputs that each input with a law depends on.
+
+        Numbers of many sizes tell: a law may be flat about 0, as one with a dead zone is.
+        """
+        points, others = self._points_of_laws(2), self._points_of_laws(3)
+        found = {}
         for stated in (i for i in self.inputs if i.law):
-            usual = self.made(stated, logged)
+            usual = self.made(stated, points)
             found[stated.name] = tuple(
                 name
-                for name, values in logged.items()
-                if not np.array_equal(self.made(stated, logged | {name: values + 0.5}), usual)
+                for name in points
+                if not np.array_equal(
+                    self.made(stated, points | {name: others[name]}), usual, equal_nan=True
+                )
             )
         return found
 
-    def _logged_of(self, tried: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        return {i.name: tried[i.name] for i in self.logged}
+    def _points_of_laws(self, seed: int) -> dict[str, FloatArray]:
+        """Logged inputs (N,) of every size, of either sign, and within their limits."""
+        rng = np.random.default_rng(seed)
+        sizes = np.repeat(_SIZES, _POINTS)
+        found = {}
+        for stated in self.logged:
+            low = -1.0 if stated.low is None else stated.low
+            high = max(low, 1.0) if stated.high is None else stated.high
+            within = rng.uniform(min(low, high), high, _POINTS)
+            found[stated.name] = np.concatenate(
+                [sizes * rng.uniform(-1.0, 1.0, len(sizes)), within]
+            )
+        return found
+
+    def clocked(self, name: str) -> str:
+        """The input whose clock one has: its own, or of a law that of its only source, else ""."""
+        sources = self.made_of.get(name)
+        if sources is None:
+            return name
+        return sources[0] if len(sources) == 1 else ""
 
     def made(self, stated: Input, logged: Mapping[str, FloatArray]) -> FloatArray:
         """What the law of an input makes of logged ones, of their shape."""
@@ -426,27 +453,23 @@ class System:
         }
 
     def drivers(self, state: str) -> set[str]:
-        """The inputs and states on which a state's derivative depends."""
-        tried, rates = self._probed()
-        found = {
-            name for name in tried if not np.array_equal(self._probed(name)[1][state], rates[state])
-        }
+        """The inputs and states on which a state's derivative depends, through laws, too."""
+        found = self.uses(state)
         return found.union(*(self.made_of[name] for name in found & {*self.made_of}))
 
-    @functools.cached_property
-    def curved(self) -> dict[str, str]:
-        """States whose rates go with a curve of a logged input, by that input.
+    def uses(self, state: str) -> set[str]:
+        """The inputs and states that a state's derivative itself reads."""
+        tried, rates = self._probed()
+        return {
+            name for name in tried if not np.array_equal(self._probed(name)[1][state], rates[state])
+        }
 
-        A limit is none: but for its corners it is straight.
-        """
-        _, here = self._probed()
-        found: dict[str, str] = {}
-        for stated in self.logged:
-            once, twice = (self._probed(stated.name, by=by)[1] for by in (0.01, 0.02))
-            for name in self.states:
-                first, second = once[name] - here[name], twice[name] - once[name]
-                if np.mean(np.abs(second - first) > 1e-6 * np.abs(first)) > 0.5:
-                    found.setdefault(stated.name, name)
+    def reached_from(self, state: str) -> set[str]:
+        """The states that one drives, itself and through others."""
+        drives = {name: self.uses(name) for name in self.states}
+        found = {state}
+        while more := {n for n, by in drives.items() if n not in found and by & found}:
+            found |= more
         return found
 
     @functools.cached_property
@@ -471,8 +494,6 @@ class System:
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         each: list[tuple[str, Mapping[str, Any]]]
         each = [("measure", self._shown(tried))]
-        logged = self._logged_of(tried)
-        each += [("law", {i.name: self.made(i, logged)}) for i in self.inputs if i.law]
         each += [
             (p.name, self.added(p, p.increments, 0.0, state, inputs, 1.0))
             for p in self.ports
@@ -481,10 +502,12 @@ class System:
         for what, values in each:
             for name, value in values.items():
                 found[f"{what} {name}"] = np.broadcast_to(np.asarray(value, dtype=float), 20)
+        points = self._points_of_laws(2)
+        found |= {f"law {i.name}": self.made(i, points) for i in self.inputs if i.law}
         return found
 
     def _probed(
-        self, moved: str = "", far: bool = False, by: float = 0.5
+        self, moved: str = "", far: bool = False
     ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Random states and inputs, and the derivatives there; one of them moved away.
 
@@ -496,7 +519,7 @@ class System:
         tried = {n: rng.uniform(low, high, 20) for n in names}
         constants = {c.name: 1.1 * c.value + 0.01 for c in self.constants} if far else {}
         if moved:
-            tried[moved] = tried[moved] + by
+            tried[moved] = tried[moved] + 0.5
         state = Point("state", {n: tried[n] for n in self.states})
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         with np.errstate(all="ignore"):

@@ -213,6 +213,26 @@ def test_of_several_effects_halves_speak_of_the_first() -> None:
     assert any(f"Each half of the logs by itself says the same of `{LAG}`." in x for x in said)
 
 
+def test_in_a_class_halves_say_no_more_and_what_they_leave_open() -> None:
+    halves = halved(True, (0.1, 0.2), (0.12, 0.22))
+    for half in halves["repeated"]["halves"]:
+        half["near"] = [LAG, "sensor-lag@yaw"]
+    lines = told(
+        {"cart": (0.47, 0.015)}, verdict="class", **{"class": [LAG, "sensor-lag@yaw"]}, **halves
+    )
+    text = "\n".join(lines)
+    assert "Each half of the logs by itself says no more." in text
+    assert text.count("or sensor-lag@yaw") >= 2
+
+
+def test_a_name_that_may_stand_for_a_lag_behind_a_curve_is_doubted_and_the_law_comes_next() -> None:
+    text = "\n".join(told({"cart": (0.47, 0.015)}, curved=["pulse_us"]))
+    assert "But pulse_us acts by a curve: what lags behind that" in text
+    assert "What next? State what the law makes of pulse_us as an input of its own" in text
+    assert "use the corrected system" not in text
+    assert "by a curve" not in "\n".join(told({"cart": (0.47, 0.015)}))
+
+
 def test_halves_that_do_not_agree_ask_for_more_logs() -> None:
     said = told({"a": (1.0, 0.5)}, **halved(False, (0.1, 0.14), (0.19, 0.22)))
     (line,) = [x for x in said if "The two halves of the logs do not agree: lag@" in x]

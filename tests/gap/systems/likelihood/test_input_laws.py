@@ -7,12 +7,15 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System, UnusableInput
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.fits import extended
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.checks import checked
+from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.kinds.inputs import DeadBand, Lag
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.planning.plan import plan
+from wakedeploy.gap.systems.planning.plan import _same_delay
 from wakedeploy.gap.systems.sensitivity import column_notes
 from wakedeploy.gap.systems.simulation import simulated
 from wakedeploy.gap.systems.system import Point
@@ -153,40 +156,245 @@ class Curved(Pod):
 
 def test_a_curve_within_the_equations_is_seen_and_what_may_stand_for_a_lag_behind_it():
     model = LogModel(checked(Curved()), [log(12.0)])
-    assert model.system.curved == {"pulse_us": "speed_mps"}
+    assert model.curves == {"pulse_us": "speed_mps"}
     assert model.curved_inputs(["lag@pulse_us"]) == ["pulse_us"]
     assert model.curved_inputs(["sensor-lag@depth_m"]) == ["pulse_us"]
     assert model.curved_inputs(["gain@pulse_us", "dead-time@pulse_us"]) == []
-    assert checked(Pod()).curved == {}
+    assert LogModel(checked(Pod()), [log(12.0)]).curves == {}
     notes = [note for note in column_notes(model) if "law=" in note]
     assert notes == [
-        "input pulse_us: the rate of speed_mps goes with a curve of it. What lags, is late or "
-        "limited behind that curve, as a motor is behind the square of its command, has no port: "
-        "state the curve as an input of its own, Input(…, law=…)."
+        "input pulse_us: the rate of speed_mps goes with a curve of it. What lags behind that "
+        "curve, as a motor behind the square of its command, has no port: state the curve as an "
+        "input of its own, Input(…, law=…)."
     ]
 
 
-class Limited(Pod):
-    """A limit is no curve."""
+def dead_zone(pulse):
+    return np.where(np.abs(pulse) > 25.0, pulse * np.abs(pulse), 0.0)
 
-    inputs: ClassVar = [Input("pulse_us", "us")]
-    ports: ClassVar = [Port.output("depth_m")]
+
+def tabled(pulse):
+    return np.interp(pulse, [-300.0, -40.0, 40.0, 300.0], [-9e4, 0.0, 0.0, 9e4])
+
+
+@pytest.mark.parametrize(
+    ("rate", "is_curve"),
+    [
+        (dead_zone, True),
+        (tabled, True),
+        (lambda pulse: 3.0 * np.clip(pulse, -100.0, 100.0), True),
+        (lambda pulse: 9e4 * np.tan(pulse / 2000.0), False),  # hardly bent where the log has been
+        (lambda pulse: 300.0 * pulse, False),
+    ],
+)
+def test_what_is_a_curve_is_asked_where_the_log_has_been(rate, is_curve):
+    class Driven(Curved):
+        def derivative(self, state, inputs, c):
+            force = c.push_n_per_us2 * rate(inputs.pulse_us) - c.drag_n_s_per_m * state.speed_mps
+            return {"depth_m": state.speed_mps, "speed_mps": force / c.mass_kg}
+
+    model = LogModel(checked(Driven()), [log(12.0)])
+    assert (model.curves == {"pulse_us": "speed_mps"}) == is_curve
+
+
+class Steered(System):
+    """A cart whose steering, by a curve, does not move how fast it goes."""
+
+    rate_hz = RATE
+    inputs: ClassVar = [Input("pull_n", "N"), Input("steer_rad", "rad")]
+    states: ClassVar = {"speed_mps": "m/s", "yaw_rad": "rad"}
+    outputs: ClassVar = [Output("speed_mps", "m/s"), Output("yaw_rad", "rad")]
+    ports: ClassVar = [
+        Port.output("speed_mps", kinds=["sensor-lag"]),
+        Port.output("yaw_rad", kinds=["sensor-lag"]),
+    ]
 
     def derivative(self, state, inputs, c):
-        return {"depth_m": state.speed_mps, "speed_mps": np.clip(inputs.pulse_us, -0.7, 0.7)}
+        turn = np.tan(inputs.steer_rad) * state.speed_mps
+        return {"speed_mps": inputs.pull_n - state.speed_mps, "yaw_rad": turn}
 
 
-def test_a_limit_is_no_curve():
-    assert checked(Limited()).curved == {}
+def test_a_curve_is_no_reason_to_doubt_an_output_that_it_does_not_drive():
+    rng, time_s = np.random.default_rng(0), np.arange(400) / RATE
+    names = ("pull_n", "steer_rad", "speed_mps", "yaw_rad")
+    columns = {name: 0.5 + rng.uniform(-0.8, 0.8, 400) for name in names}
+    model = LogModel(checked(Steered()), [Recording("cart", time_s, columns)])
+    assert model.curves == {"steer_rad": "yaw_rad"}
+    assert model.curved_inputs(["sensor-lag@speed_mps"]) == []
+    assert model.curved_inputs(["sensor-lag@yaw_rad"]) == ["steer_rad"]
 
 
-def test_a_plan_commands_what_can_be_commanded():
-    model = LogModel(checked(Pod()), [log(40.0)])
-    found = plan(model, fitted_base(model), ["lag@square_us2", "sensor-lag@depth_m"])
-    assert found.best is not None
-    assert found.best.moved == ("pulse_us",)
-    assert np.abs(found.best.columns["pulse_us"]).max() <= 300.0
-    assert found.best.columns.keys() == {"pulse_us", "depth_m"}
+def mixed(inputs):
+    """What two logged inputs make together."""
+    return inputs.pulse_us * inputs.battery_v
+
+
+class Mixed(System):
+    """Two logged inputs with ports, two laws, one of them of both."""
+
+    rate_hz = RATE
+    inputs: ClassVar = [
+        Input("power_us_v", "us V", law=mixed, delay_s=0.1),
+        Input("pulse_us", "us"),
+        Input("square_us2", "us²", law=squared),
+        Input("battery_v", "V"),
+    ]
+    states: ClassVar = {"speed_mps": "m/s"}
+    outputs: ClassVar = [Output("speed_mps", "m/s", noise=1e-3)]
+    constants: ClassVar = [Constant("gain", 1e-4, spread=1e-5, unit="1")]
+    ports: ClassVar = [Port.input(i.name) for i in inputs]
+
+    def derivative(self, state, inputs, c):
+        return {"speed_mps": c.gain * (inputs.power_us_v + inputs.square_us2) - state.speed_mps}
+
+
+def recorded(count=240):
+    pulse, rng = pulses(count / RATE), np.random.default_rng(4)
+    columns = {
+        "pulse_us": pulse,
+        "battery_v": 12.0 + rng.standard_normal(count),
+        "speed_mps": rng.standard_normal(count),
+    }
+    return Recording("mixed", np.arange(count) / RATE, columns)
+
+
+def test_laws_stand_beside_logged_inputs_each_with_its_port():
+    model = LogModel(checked(Mixed()), [recorded()])
+    assert model.system.made_of == {
+        "power_us_v": ("pulse_us", "battery_v"), "square_us2": ("pulse_us",)
+    }  # fmt: skip
+    assert model.system.unheard == 2
+    columns = recorded().columns
+    late = np.concatenate([np.full(2, columns["pulse_us"][0] * columns["battery_v"][0]),
+                           (columns["pulse_us"] * columns["battery_v"])[:-2]])  # fmt: skip
+    np.testing.assert_allclose(model.logs[0].inputs[0], late, rtol=1e-12)
+    for name in ("lag@battery_v", "lag@pulse_us", "lag@power_us_v", "lag@square_us2"):
+        fitted = fit(model, (name,), range(model.episodes))
+        assert np.isfinite(fitted.objective)
+    assert "dead-time@power_us_v" in model.effects  # of two inputs at once: no logged one's
+    assert "dead-time@square_us2" not in model.effects
+
+
+def test_a_correction_with_an_effect_behind_a_law_is_read_back(tmp_path):
+    model = LogModel(checked(Mixed()), [recorded()])
+    base = fit(model, (), range(model.episodes))
+    start = extended(base, model.free(("lag@square_us2",)))
+    start[-1] = 0.4
+    fitted = fit(model, ("lag@square_us2",), range(model.episodes), start)
+    write_correction(correction_of(model, fitted), tmp_path / "correction.toml")
+    plain, corrected = Mixed(), Mixed.corrected(tmp_path / "correction.toml")
+    tau_s = fitted.value("lag@square_us2.tau_s")
+    assert corrected.correction.values["lag@square_us2.tau_s"] == tau_s > 0.0
+    shown = [s.simulate(recorded())["speed_mps"] for s in (checked(plain), corrected)]
+    assert np.abs(shown[0] - shown[1]).max() > 1e-3
+
+
+def test_what_was_on_its_way_before_the_log_passes_through_the_law():
+    model = LogModel(checked(Banded()), [log(12.0)])
+    acting = model.acting(("lag@pulse_us",))
+    names = (*acting.states, *model.system.states)
+    values = {"lag@pulse_us.tau_s": np.array([0.3])}
+    for own, expected in ((0.0, 100.0**2), (50.0, 150.0**2), (-200.0, -(100.0**2))):
+        named = dict.fromkeys(names, np.zeros(1)) | {
+            acting.effects[0].own_states[0]: np.array([own])
+        }
+        inputs = {"pulse_us": np.array([100.0]), "square_us2": np.array([1e4])}
+        reached = acting._arriving(inputs, named, values, np.zeros(1), {})
+        assert reached["square_us2"] == pytest.approx(expected)
+
+
+class Twice(System):
+    """The pulse acts by its square and beside it."""
+
+    rate_hz = RATE
+    inputs: ClassVar = Pod.inputs
+    states: ClassVar = {"speed_mps": "m/s"}
+    outputs: ClassVar = [Output("speed_mps", "m/s")]
+    ports: ClassVar = [Port.input("pulse_us"), Port.input("square_us2")]
+
+    def derivative(self, state, inputs, c):
+        return {"speed_mps": inputs.square_us2 + inputs.pulse_us - state.speed_mps}
+
+
+def test_a_delay_of_the_law_alone_is_offered_where_it_is_something_else():
+    model = LogModel(checked(Twice()), [recorded()])
+    assert {"dead-time@pulse_us", "dead-time@square_us2"} <= set(model.effects)
+
+
+class Stepped(System):
+    """A discrete system driven by a law."""
+
+    rate_hz = RATE
+    inputs: ClassVar = Pod.inputs
+    states: ClassVar = {"speed_mps": "m/s"}
+    outputs: ClassVar = [Output("speed_mps", "m/s", noise=1e-3)]
+    constants: ClassVar = [Constant("gain", 1e-5, spread=1e-6, unit="1")]
+    ports: ClassVar = [Port.input("square_us2", kinds=["lag", "gain"])]
+
+    def step(self, state, inputs, c):
+        return {"speed_mps": 0.9 * state.speed_mps + c.gain * inputs.square_us2}
+
+
+def test_a_discrete_system_is_driven_by_a_law():
+    model = LogModel(checked(Stepped()), [recorded()])
+    replay = checked(Stepped()).simulate(recorded())["speed_mps"]
+    speed, expected = replay[0], []
+    for pulse in recorded().columns["pulse_us"]:
+        expected.append(speed)
+        speed = 0.9 * speed + 1e-5 * pulse * abs(pulse)
+    np.testing.assert_allclose(replay, expected, rtol=1e-9, atol=1e-12)
+    assert np.isfinite(fit(model, ("lag@square_us2",), range(model.episodes)).objective)
+
+
+def test_a_law_that_gives_no_number_on_a_log_is_refused_with_what_it_got():
+    class Inverse(Pod):
+        inputs: ClassVar = [
+            Input("pulse_us", "us"),
+            Input("square_us2", "us²", law=lambda i: 1.0 / np.where(i.pulse_us == 7.0, 0.0, 9.0)),
+        ]
+
+    recording = log(12.0)
+    recording.columns["pulse_us"][50] = 7.0
+    with pytest.raises(UnusableInput, match="the law of 'square_us2' gives inf at pulse_us = 7"):
+        LogModel(Inverse(), [recording])
+
+
+def test_a_delay_behind_a_law_is_shorter_than_the_log():
+    class Late(Pod):
+        inputs: ClassVar = [
+            Input("pulse_us", "us"), Input("square_us2", "us²", law=squared, delay_s=40.0)
+        ]  # fmt: skip
+
+    with pytest.raises(UnusableInput, match="input 'square_us2' has a delay_s of 40"):
+        LogModel(checked(Late()), [log(12.0)])
+
+
+@pytest.mark.parametrize("law", [dead_zone, tabled, lambda u: np.maximum(u - 1500.0, 0.0) ** 2])
+def test_a_law_may_be_flat_about_zero(law):
+    class Flat(Pod):
+        inputs: ClassVar = [
+            Input("pulse_us", "us"), Input("square_us2", "us²", law=lambda i: law(i.pulse_us))
+        ]  # fmt: skip
+
+    assert checked(Flat()).made_of == {"square_us2": ("pulse_us",)}
+
+
+def test_a_law_that_changes_beyond_the_log_is_another_system():
+    class Cut(Pod):
+        inputs: ClassVar = [
+            Input("pulse_us", "us"),
+            Input("square_us2", "us²", law=lambda i: np.clip(squared(i), -9.2e4, 9.2e4)),
+        ]
+
+    found = [checked(system).probed()["law square_us2"] for system in (Pod(), Cut())]
+    assert found[0].tobytes() != found[1].tobytes()
+
+
+def test_of_one_input_and_one_output_no_plan_tells_a_delay_before_from_one_behind():
+    model = LogModel(checked(Banded()), [log(12.0)])
+    assert _same_delay(model, ("dead-time@pulse_us", "sensor-dead-time@depth_m"))
+    assert _same_delay(model, ("sensor-dead-time@depth_m", "dead-time@square_us2"))
+    assert not _same_delay(model, ("dead-time@pulse_us", "lag@square_us2"))
 
 
 def wrong(law, **stated):

@@ -23,13 +23,16 @@ def repeated_answer(answer: Answer) -> str:
         return ""
     if not again.agree:
         return "The two halves of the logs do not agree: record more."
+    if answer.verdict == "class":
+        return "Each half of the logs by itself says no more."
     several = f" of `{answer.effects[0].name}`" if len(answer.effects) > 1 else ""
     return f"Each half of the logs by itself says the same{several}."
 
 
 def _half(half: Half) -> str:
-    """`coulomb-friction@speed_mps (force from 1.1 to 1.3 N)`."""
+    """`coulomb-friction@speed_mps (force from 1.1 to 1.3 N)`, and what it is not told from."""
     middle = 0.5 * (half.low + half.high)
     size = Size(value=middle, low=half.low, high=half.high, unit=half.unit)
     name, told = as_read(half.leading, half.parameter, size)
-    return f"{half.leading} ({name} {span(told.low, told.high, told.unit)})"
+    others = "".join(f" or {other}" for other in half.near if other != half.leading)
+    return f"{half.leading} ({name} {span(told.low, told.high, told.unit)}){others}"

@@ -30,6 +30,8 @@ def next_commands(
     further = f"--measured {shlex.quote(FURTHER_LOG + measured[0].suffix)}"
     by = [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
     logs = " ".join(searched + by)
+    if result.curved:  # the same again, of a system that states the law
+        return [f"wakedeploy gap close --system {system} {logs} --out {folder}"]
     if result.verdict == "none" and not result.moved:
         return [f"wakedeploy gap power --system {system} {logs}"]
     if result.verdict == "unknown" and result.rivals and not result.moved:

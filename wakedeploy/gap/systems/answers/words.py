@@ -90,12 +90,6 @@ def remarks(answer: Answer) -> list[str]:
         "missing there, and the output's column wants shift_s of minus a sample."
         for name in answer.late_by_a_row
     ]
-    far += [
-        f"{name} acts by a curve. What lags behind that curve, as a motor behind the square of its "
-        "command, has no port, and what is named may stand for it: state the curve as an input of "
-        "its own, Input(…, law=…), and ask again."
-        for name in answer.curved
-    ]
     return [
         *far,
         *repeated_sentences(answer),
@@ -165,8 +159,18 @@ def _certainty(result: Result) -> str:
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
     rest = "" if result.white.after.passes else _MORE_IS_LEFT
-    said = [beyond, _borne_out(result), repeated_answer(result), rest]
+    said = [beyond, _borne_out(result), repeated_answer(result), _curved(result), rest]
     return " ".join(sentence for sentence in said if sentence)
+
+
+def _curved(result: Result) -> str:
+    """For what a name may stand; "" where no input that acts by a curve is near it."""
+    if not result.curved:
+        return ""
+    return (
+        f"But {listed(result.curved)} acts by a curve: what lags behind that, as a motor behind "
+        "the square of its command, has no port, and what is named may stand for it."
+    )
 
 
 def _borne_out(result: Result) -> str:
@@ -187,6 +191,11 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
         return (
             "Check what was moved, and the units of columns.toml: `gap check` prints the range of "
             "each column in the system's unit."
+        )
+    if result.curved:
+        return (
+            f"State what the law makes of {listed(result.curved)} as an input of its own, Input(…, "
+            "law=…), with a port, and ask again."
         )
     if result.verdict == "class":
         return _open_class(result, planned)

@@ -163,9 +163,15 @@ def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, flo
 
 
 def _acts_before(system: System, port: Port, kind: Kind) -> bool:
-    """Whether a kind is offered at the only logged input that a port's own input is made of."""
+    """Whether a kind is offered at the only logged input that a port's own input is made of.
+
+    Where that input also acts beside the law, the same behind the law alone is something else; and
+    who names the kind at the port wants it there.
+    """
     sources = system.made_of.get(port.name, ())
-    return len(sources) == 1 and any(
+    if len(sources) != 1 or port.kinds or any(sources[0] in system.uses(s) for s in system.states):
+        return False
+    return any(
         p.role == "input" and p.name == sources[0] and (not p.kinds or kind.name in p.kinds)
         for p in system.ports
     )

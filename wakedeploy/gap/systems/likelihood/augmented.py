@@ -112,8 +112,12 @@ class Acting:
         parameters = tuple(f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
         if self._inputs[name][1].law is None:
             return (f"clock.{name}", *parameters)
-        before = (n for source in self.system.made_of[name] for n in self.depends(source))
+        before = (n for logged in self.system.logged for n in self.depends(logged.name))
         return (*before, *parameters)
+
+    def _clock_s(self, name: str, values: Arrays) -> Any:
+        """By how much later than its stamp an input acts."""
+        return values.get(f"clock.{self.system.clocked(name)}", 0.0)
 
     def formed(self, values: Arrays) -> dict[str, FloatArray]:
         """Sizes (B, L) of the bumps of each model-form term, of values (1, L) by name."""
@@ -299,9 +303,11 @@ class Acting:
     ) -> Arrays:
         """Inputs with what reaches the system from before the log; also the rates of that.
 
-        An input's effects are a chain; what was on its way in one does not pass those after it.
+        An input's effects are a chain; what was on its way in one does not pass those after it, but
+        for a law.
         """
-        arriving, dt_s = dict(inputs), 1.0 / self.system.rate_hz
+        late: dict[str, Any] = {}
+        dt_s = 1.0 / self.system.rate_hz
         for effect in self._of["input"]:
             if effect.own_states:
                 kind, mine = effect.kind, tuple(named[n] for n in effect.own_states)
@@ -311,9 +317,19 @@ class Acting:
                 for name, rate in zip(effect.own_states, rates, strict=True):
                     own_rates[name] = self._advanced(named[name], rate)
                 name = effect.port.name
-                since_s = time_s - values.get(f"clock.{name}", 0.0)
-                arriving[name] = arriving[name] + kind.from_before(mine, since_s, p, dt_s)
-        return arriving
+                since_s = time_s - self._clock_s(name, values)
+                late[name] = late.get(name, 0.0) + kind.from_before(mine, since_s, p, dt_s)
+        for stated in self._made_later(late):
+            logged = {i.name: inputs[i.name] for i in self.system.logged}
+            then = {n: u + late.get(n, 0.0) for n, u in logged.items()}
+            more = self.system.made(stated, then) - self.system.made(stated, logged)
+            late[stated.name] = late.get(stated.name, 0.0) + more
+        return {**inputs, **{name: inputs[name] + more for name, more in late.items()}}
+
+    def _made_later(self, late: Arrays) -> list[Input]:
+        """Inputs whose law passes on what reaches logged inputs from before the log."""
+        made_of = self.system.made_of if late else {}
+        return [i for i in self.system.inputs if {*made_of.get(i.name, ())} & {*late}]
 
     def _base(self, name: str, named: Arrays, rates: Arrays) -> Any:
         """The rate of a state, of rates or of next states."""

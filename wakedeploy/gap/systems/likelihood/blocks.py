@@ -152,20 +152,22 @@ def driving_of(system: System, logged: Mapping[str, FloatArray]) -> FloatArray:
 
 def made(system: System, stated: Input, logged: Mapping[str, FloatArray]) -> FloatArray:
     """What a law makes of the logged inputs (N,) in each part of the model's steps."""
-    return shifted(
-        system.made(stated, logged), stated.delay_s / system.step_s * parts_in_step(system)
-    )
+    row = system.made(stated, logged)
+    parts = stated.delay_s / system.step_s * parts_in_step(system)
+    return shifted(row, parts) if parts else row
 
 
 def _check_laws(system: System, recording: Recording, driving: FloatArray) -> None:
-    """Whether laws give numbers all along a recording."""
+    """Whether laws give numbers all along a recording, and act within it."""
     for stated, row in zip(system.inputs, driving, strict=True):
+        _check_delay(stated, recording)
         if not np.all(np.isfinite(row)):
             place = int(np.argmin(np.isfinite(row)))
+            sources = system.made_of[stated.name] or [i.name for i in system.logged]
             of = ", ".join(
                 f"{i.name} = {driving[k, place]:.4g}"
                 for k, i in enumerate(system.inputs)
-                if i.name in system.made_of[stated.name]
+                if i.name in sources
             )
             raise UnusableInput(
                 f"{recording.name}: the law of {stated.name!r} gives {row[place]} at {of}; bound "
@@ -185,12 +187,8 @@ def _column(recording: Recording, name: str) -> FloatArray:
 
 def _input(recording: Recording, stated: Input) -> FloatArray:
     """An input as it was logged, its short gaps filled with the last value."""
-    name, lasts_s = stated.name, float(recording.time_s[-1] - recording.time_s[0])
-    if stated.delay_s > 0.0 and not stated.delay_s < lasts_s:
-        raise UnusableInput(
-            f"{recording.name}: it lasts {lasts_s:.4g} s, and input {name!r} has a delay_s of "
-            f"{stated.delay_s:.4g}: nothing of it acts; give seconds."
-        )
+    name = stated.name
+    _check_delay(stated, recording)
     column = _column(recording, name)
     missing = ~np.isfinite(column)
     if missing.mean() > _MOST_MISSING or missing[0]:
@@ -200,6 +198,15 @@ def _input(recording: Recording, stated: Input) -> FloatArray:
         )
     last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(column))))
     return np.asarray(column[last])
+
+
+def _check_delay(stated: Input, recording: Recording) -> None:
+    lasts_s = float(recording.time_s[-1] - recording.time_s[0])
+    if stated.delay_s > 0.0 and not stated.delay_s < lasts_s:
+        raise UnusableInput(
+            f"{recording.name}: it lasts {lasts_s:.4g} s, and input {stated.name!r} has a delay_s "
+            f"of {stated.delay_s:.4g}: nothing of it acts; give seconds."
+        )
 
 
 def blocks_of(logs: Sequence[Log]) -> list[Block]:

@@ -58,7 +58,7 @@ def late_by_a_row(model: "LogModel", found: Fit) -> list[str]:
         n: found.value(f"{n}.delay_s") for n in found.hypothesis if model.library[n].kind.is_delay
     }
     for name in late_s:  # an input's clock is within a sample, and free beside its delay
-        clock = f"clock.{model.library[name].port.name}"
+        clock = f"clock.{model.system.clocked(model.library[name].port.name)}"
         late_s[name] += found.value(clock) if clock in found.names else 0.0
     return [n for n, s in late_s.items() if abs(s / model.dt_s - 1.0) < _ONE_ROW]
 

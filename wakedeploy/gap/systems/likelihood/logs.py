@@ -23,6 +23,7 @@ from wakedeploy.gap.systems.kinds.library import Effect, offered, ports_alike
 from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of, pieces_of
 from wakedeploy.gap.systems.likelihood.clocks import late_by_a_row, late_inputs
+from wakedeploy.gap.systems.likelihood.curves import curves, taken_for
 from wakedeploy.gap.systems.likelihood.filter import Filter, Run, Start
 from wakedeploy.gap.systems.likelihood.initial_states import InitialStates, initial_states
 from wakedeploy.gap.systems.likelihood.leftover import leftovers
@@ -257,11 +258,16 @@ class LogModel(ComparisonDefaults):
 
         What lags behind a curve has no port, and the effect may stand for it.
         """
-        slow = [self.library[n].port for n in named if self.library[n].kind.is_slow]
-        outputs = {o.name for o in self.system.outputs}
-        return [
-            name for name in self.system.curved if any(p.name in {name, *outputs} for p in slow)
-        ]
+        return taken_for(self, named)
+
+    @functools.cached_property
+    def curves(self) -> dict[str, str]:
+        """States that an input drives by a curve, by that input."""
+        return curves(self)
+
+    def along_logs(self) -> FloatArray:
+        """The states (n, N) along all logs, as outputs show them."""
+        return np.concatenate([start.states for start in self._starts], axis=1)
 
     def with_effects(self, effects: Mapping[str, Effect]) -> "LogModel":
         """The same system that may lack these as well."""

@@ -161,14 +161,18 @@ def _checked_names(system: MjcfSystem, elements: Elements) -> tuple[str, ...]:
     joints, actuators = elements.joints, elements.actuators
     states = [*(j.position for j in joints), *(j.speed for j in joints)]
     states += [a.state for a in actuators if a.act >= 0]
-    wanted = {"states": list(system.states), "inputs": [i.name for i in system.inputs]}
+    commands = {a.command for a in actuators}
+    # What a command's law is made of is no command of the model.
+    made_of = bool(commands & {i.name for i in system.inputs if i.law is not None})
+    inputs = [i.name for i in system.inputs if i.name in commands or not made_of]
+    wanted = {"states": list(system.states), "inputs": inputs}
     for what, there in (("states", states), ("inputs", [a.command for a in actuators])):
         if sorted(wanted[what]) != sorted(there):
             raise UnusableInput(
                 f"{system.name}.{what}: {elements.path} has {', '.join(there)}; state these."
             )
     delays_s = {a.command: a.delay_s for a in actuators}
-    for stated in system.inputs:
+    for stated in (i for i in system.inputs if i.name in commands):
         same = isinstance(stated.delay_s, int | float) and math.isclose(
             stated.delay_s, delays_s[stated.name], rel_tol=1e-3, abs_tol=1e-6
         )

@@ -127,9 +127,10 @@ def _same_delay(model: LogModel, pair: Pair) -> bool:
     What a fast input seems to tell of the two is how each is computed.
     """
     system = model.system
-    ends = {f"dead-time@{i.name}" for i in system.inputs}
-    ends |= {f"sensor-dead-time@{o.name}" for o in system.outputs}
-    return len(system.logged) == len(system.outputs) == 1 and set(pair) == ends
+    before = {f"dead-time@{i.name}" for i in system.inputs}
+    behind = {f"sensor-dead-time@{o.name}" for o in system.outputs}
+    both = len(set(pair) & before) == len(set(pair) & behind) == 1
+    return len(system.logged) == len(system.outputs) == 1 and both
 
 
 def _least(losses: Losses, alike: Sequence[Pair]) -> float:
