@@ -119,8 +119,9 @@ def test_the_truth_stays_outside_the_workflows_folder(
 def test_the_judge_measures_what_was_hidden_and_its_size(tmp_path: Path) -> None:
     case = next(c for c in all_cases() if c.name == "crosswind-offset/50/1")
 
-    def workflow(rig: Path, logs: list[Path], out: Path, *, workers: int = 1) -> dict[str, Any]:
-        return {"verdict": "named", "effects": [{"name": "crosswind-offset"}], "gap": {}}
+    def workflow(rig: Path, logs: list[Path], out: Path, *, workers: int = 1) -> SimpleNamespace:
+        answer = {"verdict": "named", "effects": [{"name": "crosswind-offset"}], "gap": {}}
+        return SimpleNamespace(as_json=lambda: answer)
 
     told = do_case(Job(case, tmp_path, workflow, False, ""))
     assert told.get("error") is None

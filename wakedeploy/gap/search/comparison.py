@@ -161,6 +161,10 @@ class Comparison(Model, Protocol):
         """Inputs that act by a curve, where what is named may stand for a lag behind that."""
         ...
 
+    def clock_s(self, fitted: Fit, parameter: str) -> float:
+        """What an input's clock has of a delay [s], by the delay's whole name; 0 of all else."""
+        ...
+
 
 class ComparisonDefaults:
     """What a comparison says that knows nothing but its response and its noise."""
@@ -223,6 +227,10 @@ class ComparisonDefaults:
     def curved_inputs(self, named: Sequence[str]) -> list[str]:
         """Effects act where a domain says."""
         return []
+
+    def clock_s(self, fitted: Fit, parameter: str) -> float:
+        """Inputs have no clock of their own."""
+        return 0.0
 
 
 def residual_series(

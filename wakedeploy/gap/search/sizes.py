@@ -63,6 +63,16 @@ def over_rounds(name: str, size: Size, rounds: Sequence[Round]) -> Size:
     return size.model_copy(update=ends)
 
 
+def later(size: Size, by_s: float) -> Size:
+    """A delay with what a clock has of it: the fit may give a part of either to the other."""
+    if by_s == 0.0:
+        return size
+    names = ("value", "low", "high", "mean_low", "mean_high", "least_squares")
+    known = {name: getattr(size, name) for name in names}
+    moved = {name: max(v + by_s, 0.0) for name, v in known.items() if v is not None}
+    return size.model_copy(update=moved)
+
+
 def _between_episodes(fitted: Fit, i: int) -> tuple[float, float]:
     """Where nine in ten episodes would put parameter `i`, the others held.
 

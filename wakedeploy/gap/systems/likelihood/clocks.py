@@ -54,12 +54,8 @@ def late_by_a_row(model: "LogModel", found: Fit) -> list[str]:
     """
     if not model.system.direct_outputs:
         return []
-    late_s = {
-        n: found.value(f"{n}.delay_s") for n in found.hypothesis if model.library[n].kind.is_delay
-    }
-    for name in late_s:  # an input's clock is within a sample, and free beside its delay
-        clock = f"clock.{model.system.clocked(model.library[name].port.name)}"
-        late_s[name] += found.value(clock) if clock in found.names else 0.0
+    delays = {n: f"{n}.delay_s" for n in found.hypothesis if model.library[n].kind.is_delay}
+    late_s = {n: found.value(p) + model.clock_s(found, p) for n, p in delays.items()}
     return [n for n, s in late_s.items() if abs(s / model.dt_s - 1.0) < _ONE_ROW]
 
 

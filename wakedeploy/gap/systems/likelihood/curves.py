@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _PLACES, _ALONG = 40, 9  # samples of the logs that are looked at, and values of an input there
 _BENT = 0.05  # of the way that a rate goes: so far from a straight line it is a curve
+_MOVES = 1e-9  # of a rate: what changes by less is rounding
 
 
 def curves(model: "LogModel") -> dict[str, str]:
@@ -52,7 +53,8 @@ def _is_bent(rates: FloatArray) -> bool:
     mean = rates.mean(axis=0)
     slope = (along * (rates - mean)).sum(axis=0) / (along**2).sum()
     off, way = np.abs(rates - mean - along * slope).max(axis=0), np.ptp(rates, axis=0)
-    return bool(np.mean(off > _BENT * np.maximum(way, 1e-300)) > 0.5)
+    moves = way > _MOVES * np.abs(rates).max(axis=0)
+    return bool(np.mean(moves & (off > _BENT * way)) > 0.5)
 
 
 def taken_for(model: "LogModel", named: Sequence[str]) -> list[str]:

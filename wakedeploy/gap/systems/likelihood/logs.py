@@ -260,6 +260,15 @@ class LogModel(ComparisonDefaults):
         """
         return taken_for(self, named)
 
+    def clock_s(self, fitted: Fit, parameter: str) -> float:
+        """What an input's clock has of its dead time: half a sample may be either's."""
+        effect, _, short = parameter.rpartition(".")
+        known = self.library.get(effect)
+        if known is None or short != "delay_s" or known.port.role != "input":
+            return 0.0
+        clock = f"clock.{self.system.clocked(known.port.name)}"
+        return fitted.value(clock) if clock in fitted.names else 0.0
+
     @functools.cached_property
     def curves(self) -> dict[str, str]:
         """States that an input drives by a curve, by that input."""
