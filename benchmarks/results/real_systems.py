@@ -13,8 +13,7 @@ _JUDGED = ("right", "partly", "class", "wrong", "nothing", "refused")
 def named(records: Records) -> Section:
     """What was named on each recording, how large it is, and what it changes."""
     rows: Sequence[Row] = records.json(RECORD)["rows"]
-    head = ["recording", "expected", "named", "size", "judged", "both say so", "built in", "halves",
-            "seconds"]  # fmt: skip
+    head = ["recording", "expected", "named", "size", "judged", "built in", "halves", "seconds"]
     return Section(
         "Systems that others built and recorded",
         f"The gap workflow on {len(rows)} public recordings, each with a textbook system that "
@@ -23,6 +22,7 @@ def named(records: Records) -> Section:
             _counts(rows),
             table(head, [_line(row) for row in rows]),
             _BUILT_IN,
+            *_asked_in_halves(rows),
             "Where nothing right was named, the effect that gains most alone, with its interval:",
             table(
                 ["recording", "chance brings up to", "gain", "why it is not named"],
@@ -44,8 +44,6 @@ _BUILT_IN = (
     "know there; partly, where something else is named beside it; class, where it is among rivals. "
     "*Built in*: the answer once the textbook system has the effect; right is that nothing "
     "matters, next is another effect that the literature knows. A dash is what was not asked. "
-    "*Both say so*: whether each half of the logs, asked by the search itself, leads with what was "
-    "found first or with a member of its class, at a size whose interval meets the other's. "
     "*Halves*: what the two halves of "
     "the recording name. What was expected stands in `benchmarks/real_systems/cases.py`, with "
     "its sources. *Constants fitted* is the system as it is, its constants and noise fitted."
@@ -98,17 +96,27 @@ def _line(row: Row) -> list[str]:
         _names(out),
         _sizes(out),
         row["left_out"],
-        _said(out.get("repeated")),
         f"{row['left_in']}: {_names(built_in)}" if built_in else "–",
         _halves(row),
         f"{out['seconds']:.0f}" if "seconds" in out else "–",
     ]
 
 
-def _said(again: Row | None) -> str:
+def _asked_in_halves(rows: Sequence[Row]) -> list[str]:
+    """What both halves say of what the search found first, where it asked them."""
+    asked = [row for row in rows if row["answers"]["out"].get("repeated")]
+    if not asked:
+        return []
+    said = [[row["case"], _said(row["answers"]["out"]["repeated"])] for row in asked]
+    return [
+        "Whether each half of the logs, asked by the search itself, leads with what was found "
+        "first or with a member of its class, at a size whose interval meets the other's:",
+        table(["recording", "both say so"], said),
+    ]
+
+
+def _said(again: Row) -> str:
     """Whether both halves say what was found; else what they lead with."""
-    if again is None:
-        return "–"
     led = [half["leading"] for half in again["halves"]]
     if again["agree"]:
         return "yes"

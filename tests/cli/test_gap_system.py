@@ -323,7 +323,7 @@ def test_a_share_that_is_not_the_whole_never_reads_as_the_whole():
 )
 def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdict, step, logs):
     result = SimpleNamespace(
-        verdict=verdict, moved={}, rivals=[], effects=["coulomb-friction@speed_mps"]
+        verdict=verdict, moved={}, rivals=[], effects=["coulomb-friction@speed_mps"], curved=[]
     )
     measured = (Path("a b.csv"), Path("c.csv"))
     told = next_commands(result, Path("robot.py"), measured, Path("columns.toml"), Path("gap"))
@@ -332,3 +332,6 @@ def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdic
     named = [after for word, after in itertools.pairwise(words) if word == "--measured"]
     assert named == logs
     assert words[words.index("--columns") + 1] == "columns.toml"
+    result.curved = ["pulse_us"]  # the law has to be stated first, and the same logs asked again
+    (again,) = next_commands(result, Path("robot.py"), measured, None, Path("gap"))
+    assert again.startswith("wakedeploy gap close --system robot.py --measured 'a b.csv' ")
