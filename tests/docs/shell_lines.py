@@ -41,7 +41,7 @@ SMALLER = (
     (r"(wakedeploy calibrate .*)--port \S+", r"\1--virtual --out desk.toml"),
     (r"--port \S+", "--virtual"),
     (r" --realtime", ""),
-    (r"^(wakedeploy run-gantry (?!.*--seconds).*--virtual.*)$", r"\1 --seconds 10"),
+    (r"^(wakedeploy run-gantry (?!.*--(?:seconds|reference)).*--virtual.*)$", r"\1 --seconds 10"),
 )
 
 # Commands of ours that are read, and not run here: a pattern of page and command, and why.
