@@ -25,7 +25,7 @@ from wakedeploy.gap.search.first_look import Ground, looks
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, Named, verdict_of
 from wakedeploy.gap.search.rivalry import rivals_with, sizes_of
 from wakedeploy.gap.search.scan import WORTH, elaborates
-from wakedeploy.gap.search.sizes import later, least_squares, parameters
+from wakedeploy.gap.search.sizes import least_squares, parameters
 
 RIVALS = 3  # of the whole search's ranking that each half looks at as well
 PROMISING = 3  # others that each half looks at by its own slopes
@@ -126,8 +126,7 @@ class _Asked:
         leading = candidate(base, leading.name, self._at_its_top(leading.fit))
         free = sizes_of(leading.fit, leading.name)[0]
         plain = least_squares(self.model, leading.fit)
-        size = parameters(leading.fit, (leading.name,), plain)[free.name]
-        size = later(size, self.model.clock_s(leading.fit, free.name))
+        size = parameters(self.model, leading.fit, (leading.name,), plain)[free.name]
         return Half(
             episodes=[self.model.records[e].name for e in episodes],
             leading=leading.name,

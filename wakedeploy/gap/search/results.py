@@ -39,7 +39,7 @@ from wakedeploy.gap.search.comparison import (
 from wakedeploy.gap.search.outcome import Named, verdict_of
 from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
-from wakedeploy.gap.search.sizes import later, least_squares, over_rounds, parameters
+from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters
 from wakedeploy.gap.search.weighing import unseen, weight_of
 
 
@@ -166,10 +166,10 @@ def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
 def _sizes(model: Comparison, found: Fit, rounds: Sequence[Round]) -> Sizes:
     """Of what was found; wider where the innovations are not white."""
     plain = least_squares(model, found)
-    sizes = parameters(found, found.hypothesis, plain)
-    if plain is not None:
-        sizes = {name: over_rounds(name, size, rounds) for name, size in sizes.items()}
-    return {name: later(size, model.clock_s(found, name)) for name, size in sizes.items()}
+    sizes = parameters(model, found, found.hypothesis, plain)
+    if plain is None:
+        return sizes
+    return {name: over_rounds(name, size, rounds) for name, size in sizes.items()}
 
 
 def _effect(outcome: Named, name: str, all_sizes: Sizes) -> Effect:

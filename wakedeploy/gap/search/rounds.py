@@ -105,7 +105,9 @@ def _judged_round(
             given=list(found.hypothesis),
             threshold_nats=chance.nats,
             steady_nats=chance.without_loud_nats,
-            ranking=[_entry(v, nats, found) for v, nats in zip(verdicts, needed, strict=True)],
+            ranking=[
+                _entry(model, v, nats, found) for v, nats in zip(verdicts, needed, strict=True)
+            ],
         )
     )
     return verdicts
@@ -329,14 +331,14 @@ def _pair(
     return None
 
 
-def _entry(verdict: Verdict, needed: float, base: Fit) -> Ranked:
+def _entry(model: Comparison, verdict: Verdict, needed: float, base: Fit) -> Ranked:
     effect, weight = verdict.candidate, verdict.weight
     return Ranked(
         name=effect.name,
         gain_nats=effect.gain_nats,
         needed_nats=needed,
         interval=effect.gain_interval(),
-        parameters=parameters(effect.fit, (effect.name,)),
+        parameters=parameters(model, effect.fit, (effect.name,)),
         note=_note(effect, base),
         judged=verdict.why,
         forecast=None if weight is None else Forecast(**asdict(weight)),
@@ -351,7 +353,7 @@ def _with_chosen(
         update={
             "chosen": names[0],
             "rivals": list(members),
-            "accepted": parameters(better, names, least_squares(model, better)),
+            "accepted": parameters(model, better, names, least_squares(model, better)),
             "sealed_error": errors(model, better, model.sealed()),
         }
     )

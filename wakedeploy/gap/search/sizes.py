@@ -9,10 +9,16 @@ from wakedeploy.gap.evidence.fits import Fit, Model, extended
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.search.artefacts import Round, Size, Sizes
+from wakedeploy.gap.search.comparison import Comparison
 
 
-def parameters(fitted: Fit, effects: Sequence[str], unweighted: Fit | None = None) -> Sizes:
+def parameters(
+    model: Comparison, fitted: Fit, effects: Sequence[str], unweighted: Fit | None = None
+) -> Sizes:
     """Value, 90 % interval and unit of the effects' parameters, by `<effect>.<parameter>`.
+
+    A delay has what its input's clock took of it: within half a sample a fit may give a part of
+    either to the other.
 
     Where the innovations are not white, the likelihood is not quite that of these data, and an
     `unweighted` fit by least squares differs from it (Hausman, Econometrica 46, 1978). The
@@ -35,7 +41,7 @@ def parameters(fitted: Fit, effects: Sequence[str], unweighted: Fit | None = Non
                     mean_high=high,
                     least_squares=unweighted.value(free.name),
                 )
-            result[free.name] = size
+            result[free.name] = _later(size, model.clock_s(fitted, free.name))
     return result
 
 
@@ -63,8 +69,8 @@ def over_rounds(name: str, size: Size, rounds: Sequence[Round]) -> Size:
     return size.model_copy(update=ends)
 
 
-def later(size: Size, by_s: float) -> Size:
-    """A delay with what a clock has of it: the fit may give a part of either to the other."""
+def _later(size: Size, by_s: float) -> Size:
+    """A delay and all its ends later by this [s], and none below zero."""
     if by_s == 0.0:
         return size
     names = ("value", "low", "high", "mean_low", "mean_high", "least_squares")

@@ -26,7 +26,7 @@ from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import Input, System
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
-from wakedeploy.gap.wording import counted, minus
+from wakedeploy.gap.wording import counted, listed, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
 _AHEAD, _FINER, _PLACES = 10, 4, 1000  # samples on, steps for one, places that are tried
@@ -124,10 +124,10 @@ def column_notes(model: LogModel) -> list[str]:
 def _curves(model: LogModel) -> list[str]:
     """Inputs that act by a curve: behind that stands no port."""
     return [
-        f"input {name}: the rate of {state} goes with a curve of it. What lags behind that curve, "
-        "as a motor behind the square of its command, has no port: state the curve as an input of "
-        "its own, Input(…, law=…)."
-        for name, state in model.curves.items()
+        f"input {name}: the rate of {listed(states)} goes with a curve of it. What lags behind "
+        "that curve, as a motor behind the square of its command, has no port: state the curve as "
+        "an input of its own, Input(…, law=…)."
+        for name, states in model.curves.items()
     ]
 
 

@@ -156,7 +156,7 @@ class Curved(Pod):
 
 def test_a_curve_within_the_equations_is_seen_and_what_may_stand_for_a_lag_behind_it():
     model = LogModel(checked(Curved()), [log(12.0)])
-    assert model.curves == {"pulse_us": "speed_mps"}
+    assert model.curves == {"pulse_us": ("speed_mps",)}
     assert model.curved_inputs(["lag@pulse_us"]) == ["pulse_us"]
     assert model.curved_inputs(["sensor-lag@depth_m"]) == ["pulse_us"]
     assert model.curved_inputs(["gain@pulse_us", "dead-time@pulse_us"]) == []
@@ -194,7 +194,7 @@ def test_what_is_a_curve_is_asked_where_the_log_has_been(rate, is_curve):
             return {"depth_m": state.speed_mps, "speed_mps": force / c.mass_kg}
 
     model = LogModel(checked(Driven()), [log(12.0)])
-    assert (model.curves == {"pulse_us": "speed_mps"}) == is_curve
+    assert (model.curves == {"pulse_us": ("speed_mps",)}) == is_curve
 
 
 class Steered(System):
@@ -219,9 +219,29 @@ def test_a_curve_is_no_reason_to_doubt_an_output_that_it_does_not_drive():
     names = ("pull_n", "steer_rad", "speed_mps", "yaw_rad")
     columns = {name: 0.5 + rng.uniform(-0.8, 0.8, 400) for name in names}
     model = LogModel(checked(Steered()), [Recording("cart", time_s, columns)])
-    assert model.curves == {"steer_rad": "yaw_rad"}
+    assert model.curves == {"steer_rad": ("yaw_rad",)}
     assert model.curved_inputs(["sensor-lag@speed_mps"]) == []
     assert model.curved_inputs(["sensor-lag@yaw_rad"]) == ["steer_rad"]
+
+
+class Slipping(Steered):
+    """The same, slowed down by how far it steers: one input bends two states."""
+
+    def derivative(self, state, inputs, c):
+        turn = np.tan(1.5 * inputs.steer_rad) * state.speed_mps
+        slowed = inputs.pull_n - state.speed_mps - 3.0 * np.abs(inputs.steer_rad)
+        return {"speed_mps": slowed, "yaw_rad": turn}
+
+
+def test_an_output_is_doubted_by_whichever_of_two_states_drives_it():
+    rng, time_s = np.random.default_rng(0), np.arange(400) / RATE
+    names = ("pull_n", "steer_rad", "speed_mps", "yaw_rad")
+    columns = {name: 0.5 + rng.uniform(-0.8, 0.8, 400) for name in names}
+    columns["steer_rad"] -= 0.5
+    model = LogModel(checked(Slipping()), [Recording("cart", time_s, columns)])
+    assert model.curves == {"steer_rad": ("speed_mps", "yaw_rad")}
+    for output in ("speed_mps", "yaw_rad"):
+        assert model.curved_inputs([f"sensor-lag@{output}"]) == ["steer_rad"]
 
 
 def mixed(inputs):

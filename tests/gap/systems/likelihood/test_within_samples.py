@@ -11,8 +11,10 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import neutral
 from wakedeploy.gap.evidence.inference import applied, fit
+from wakedeploy.gap.search.climbing import begun, fresh
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
+from wakedeploy.gap.search.sizes import parameters
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 RATE, FINE = 20.0, 200  # a log as coarse as many robots', and parts of a sample here
@@ -124,6 +126,24 @@ def test_a_delay_of_a_coarse_log_is_named_where_it_is():
     assert found.hypothesis == ("dead-time@command",)
     late = found.value("dead-time@command.delay_s") + found.value("clock.command")
     assert late == pytest.approx(0.07, abs=0.003)
+
+
+@pytest.mark.parametrize("clock_s", [0.0, 0.006, -0.004])
+def test_a_named_delay_has_what_the_input_s_clock_took_of_it(clock_s):
+    """A fit may give a part of either to the other: all that is printed is their sum."""
+    model = LogModel(Cart(), [_log(1, 200, 0.07)])
+    hypothesis = ("dead-time@command",)
+    free = model.free(hypothesis)
+    theta = neutral(free)
+    names = [f.name for f in free]
+    theta[names.index("clock.command")] = clock_s
+    theta[names.index("dead-time@command.delay_s")] = 0.07 - clock_s
+    start = begun(model, hypothesis, applied(model, fit(model, (), (0,)), (0,)), theta)
+    here = fresh(model, start, theta)
+    size = parameters(model, here, hypothesis)["dead-time@command.delay_s"]
+    assert size.value == pytest.approx(0.07, abs=1e-12)
+    low, high = here.interval("dead-time@command.delay_s")
+    assert (size.low, size.high) == (pytest.approx(low + clock_s), pytest.approx(high + clock_s))
 
 
 def test_a_state_that_nothing_shows_goes_along_as_the_model_has_it():

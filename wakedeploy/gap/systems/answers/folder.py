@@ -54,7 +54,7 @@ class OwnFolder(Folder):
         fitted, exported = self.found()[1], answer
         if self.only is not None:
             fitted = self._with_member(answer, self.only)
-            exported = _with_effects_of(answer, fitted)
+            exported = _with_effects_of(self.log_model, answer, fitted)
         correction = correction_of(self.log_model, fitted)
         if correction.is_empty:
             (self.out / CORRECTION).unlink(missing_ok=True)  # of an earlier answer
@@ -105,9 +105,9 @@ class OwnFolder(Folder):
         return settled(model, fit(model, hypothesis, found.episodes, theta))[0]
 
 
-def _with_effects_of(answer: Answer, fitted: Fit) -> Answer:
+def _with_effects_of(model: LogModel, answer: Answer, fitted: Fit) -> Answer:
     """The answer with the effects of another fit, of which nobody has asked forecasts."""
-    sizes = parameters(fitted, fitted.hypothesis)
+    sizes = parameters(model, fitted, fitted.hypothesis)
     unknown = Forecast(share=math.nan, low=math.nan, high=math.nan)
     effects = [
         Effect(

@@ -157,11 +157,16 @@ class Physics:
         longer_s: float,
     ) -> FloatArray:
         """The same with the servo frames at `frame_s`, each up to `longer_s` longer."""
-        line: Line = getattr(self._flight, motor)
-        share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
-        back_s = constants["command.window_s"] * (share - 0.5) + longer_s * share
-        asked_s = frame_s[:, None] - constants["command.delay_s"] - back_s[None, :]
-        pulse = line.at(asked_s).mean(axis=1)
+        window_s, delay_s = constants["command.window_s"], constants["command.delay_s"]
+
+        def asked() -> tuple[FloatArray, FloatArray]:
+            line: Line = getattr(self._flight, motor)
+            share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
+            back_s = window_s * (share - 0.5) + longer_s * share
+            return line.at(frame_s[:, None] - delay_s - back_s[None, :]).mean(axis=1), frame_s
+
+        key = (window_s, delay_s, longer_s, id(frame_s))
+        pulse, _ = self._remembered(f"asked.{motor}", key, asked)
         pulse = effects.pulses_us(pulse, motor, self._rig.limits.pulse_us[0])
         area = np.concatenate([[0.0], np.cumsum(pulse[:-1] * np.diff(frame_s))])
         at_edges = np.interp(self._edges, frame_s, area)

@@ -20,7 +20,7 @@ _BENT = 0.05  # of the way that a rate goes: so far from a straight line it is a
 _MOVES = 1e-9  # of a rate: what changes by less is rounding
 
 
-def curves(model: "LogModel") -> dict[str, str]:
+def curves(model: "LogModel") -> dict[str, tuple[str, ...]]:
     """States whose rates go with a curve of an input where the logs have been, by that input.
 
     A limit, a dead zone and a table are curves, too.
@@ -29,7 +29,7 @@ def curves(model: "LogModel") -> dict[str, str]:
     inputs = np.concatenate([log.inputs for log in model.logs], axis=1)
     states = model.along_logs()
     at = np.linspace(0, inputs.shape[1] - 1, _PLACES).astype(np.int64)
-    found: dict[str, str] = {}
+    found: dict[str, tuple[str, ...]] = {}
     for i, stated in enumerate(system.inputs):
         tried = np.repeat(inputs[:, None, at], _ALONG, axis=1)  # (i, _ALONG, _PLACES)
         tried[i] = np.linspace(inputs[i].min(), inputs[i].max(), _ALONG)[:, None]
@@ -43,7 +43,7 @@ def curves(model: "LogModel") -> dict[str, str]:
             continue
         bent = [n for n, rate in rates.items() if _is_bent(np.broadcast_to(rate, tried[i].shape))]
         if bent:
-            found[stated.name] = bent[0]
+            found[stated.name] = tuple(bent)
     return found
 
 
@@ -60,13 +60,14 @@ def _is_bent(rates: FloatArray) -> bool:
 def taken_for(model: "LogModel", named: Sequence[str]) -> list[str]:
     """Inputs for a lag behind whose curve some of the named effects may stand.
 
-    That are those that say the input is slow, or an output that the curve's state drives.
+    That are those that say the input is slow, or an output that the curve's states drive.
     """
     slow = [model.library[n].port for n in named if model.library[n].kind.is_slow]
     outputs = {o.name for o in model.system.outputs}
     found = []
-    for name, state in model.curves.items() if slow else ():
-        beyond = {*model.system.states} - model.system.reached_from(state)
+    for name, states in model.curves.items() if slow else ():
+        reached = {n for state in states for n in model.system.reached_from(state)}
+        beyond = {*model.system.states} - reached
         if any(p.name == name or p.name in outputs - beyond for p in slow):
             found.append(name)
     return found

@@ -270,7 +270,7 @@ class LogModel(ComparisonDefaults):
         return fitted.value(clock) if clock in fitted.names else 0.0
 
     @functools.cached_property
-    def curves(self) -> dict[str, str]:
+    def curves(self) -> dict[str, tuple[str, ...]]:
         """States that an input drives by a curve, by that input."""
         return curves(self)
 
