@@ -2,5 +2,5 @@
 
 In: constants (`wakedeploy.core.rig`) and inputs held over a time step. Out: velocities, forces,
 motions, readings, in SI units. May import numpy and `wakedeploy.core`; `field_reference` needs
-scipy, too, and `field` and `series` numba, which comes with `[train]`.
+scipy, too. `field`, `series`, `kalman` and `friction` need numba, which comes with `[train]`.
 """

@@ -1,5 +1,7 @@
 """`columns.toml`: what the columns of a log mean. Read and checked here and nowhere else.
 
+The columns of a run log are in `wakedeploy.core.runlog_columns`.
+
 In: a TOML file. Out: `Columns`. What each entry does is said at its field below, and for people in
 docs/how-to/own-logs.md.
 """

@@ -52,10 +52,7 @@ _MORE_IS_LEFT = "What is left is still more than noise: something else may be mi
 
 
 def sentences(artefact: Artefact, planned: "Planned | None" = None) -> list[str]:
-    """The lines that a command prints; `planned` is what a plan for its class came to.
-
-    `stated` are the system's constants, where it is at hand.
-    """
+    """The lines that a command prints; `planned` is what a plan for its class came to."""
     if isinstance(artefact, Disagreements) and not isinstance(artefact, Result):
         return _found(artefact)
     assert isinstance(artefact, Answer)

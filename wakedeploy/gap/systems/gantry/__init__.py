@@ -1,5 +1,6 @@
 """The gantry as a system of the gap workflow: its run logs, its forces, how likely its flights are.
 
-In: run logs and a rig. Out: a model that `wakedeploy.gap.evidence` fits. May import the evidence,
-the physics, the runtime's replay and what stands below them; never the search, plans or reports.
+In: run logs and a rig. Out: a model that `wakedeploy.gap.evidence` fits; in `search` what is named,
+in `planning` what to fly next, in `workflow` the four steps. May import the evidence, `gap.search`,
+the physics, the runtime and what stands below them; `workflow` alone imports `gap.report`, too.
 """

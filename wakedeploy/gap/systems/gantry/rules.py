@@ -13,6 +13,8 @@ class GantryRules(Rules):
     its own.
 
     Attributes:
+        most_effects: As for any system, but fewer.
+        least_share: As for any system, but larger.
         rest_share: Share of what effects explain; a rest below it is their own imprecision.
         relatives_share: Share of what an effect explains; a relative that adds less only mends its
             form.
