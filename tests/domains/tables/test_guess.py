@@ -114,6 +114,14 @@ def test_files_of_one_layout_are_recordings_of_one_kind(tmp_path: Path) -> None:
         read(folder, roles)
 
 
+def test_the_folder_that_one_stands_in_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "one.csv").write_text("t,x\n" + "".join(f"{k / 10},{k}\n" for k in range(50)))
+    monkeypatch.chdir(tmp_path)
+    assert guess_columns(".").startswith(f"# What the columns of {tmp_path.name} mean")
+
+
 def test_files_of_two_layouts_are_listed_once_for_each(tmp_path: Path) -> None:
     folder, t = tmp_path / "runs", np.arange(100) / 50
     folder.mkdir()

@@ -119,7 +119,7 @@ def _by_layout(logs: Sequence[_Named]) -> list[list[_Named]]:
 
 
 def _of_one_kind(path: Path, logs: Sequence[_Named]) -> Sequence[str]:
-    named = f"{plain_line(path.name)}/*{plain_line(''.join(Path(logs[0][0]).suffixes))}"
+    named = f"{plain_line(path.absolute().name)}/*{plain_line(''.join(Path(logs[0][0]).suffixes))}"
     return [
         f"# All {len(logs)} files have these columns. They are taken as recordings of one kind:",
         f"# give the files, as in {named}, and not the folder. If they are parts of one",
@@ -162,7 +162,7 @@ def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[st
         if not is_even or any(_differs(t, timing) for file in files for t in file.timings):
             resampling = resampled(sampled for file in files for sampled in file.sampled())
     head = [
-        f"# What the columns of {path.name} mean, as far as it can be seen. Lines with a question",
+        f"# What the columns of {path.absolute().name} mean, as far as it can be seen. Lines with a question",
         "# mark are guesses. Give the columns that you need a role: input, output, observation or",
         '# force, or several as in ["input", "observation"]. All others are left out.',
         *said,
