@@ -4,6 +4,7 @@ Each is written for one point and called with arrays; `at` is where the system i
 parameters. Dry friction is no force but a bound on one: see `physics.friction`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -41,6 +42,15 @@ class ForceKind(Kind):
     def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
         """Derivatives of the kind's own states."""
         return ()
+
+    def turned(
+        self, at: At, faster: FloatArray, more: Sequence[FloatArray], p: Parameters
+    ) -> tuple[Any, ...]:
+        """What turning within a step adds to the means of `own_rates`, which know no turn.
+
+        Over the step the speed changes by `faster`, the own states by `more`.
+        """
+        return (0.0,) * self.own_states
 
 
 class Offset(ForceKind):
@@ -150,6 +160,12 @@ class Presliding(ForceKind):
     def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
         """Of the bristles' bending, between −1 and 1."""
         return ((at.speed - np.abs(at.speed) * at.own_states[0]) / p["length"],)
+
+    def turned(
+        self, at: At, faster: FloatArray, more: Sequence[FloatArray], p: Parameters
+    ) -> tuple[Any, ...]:
+        """The bristles are bent back from where the speed turns."""
+        return (-_beyond_zero(at.speed, faster) * at.own_states[0] / p["length"],)
 
 
 class QuadraticDrag(ForceKind):
@@ -296,6 +312,14 @@ class Hysteresis(ForceKind):
         z, v = at.own_states[0], at.speed
         return ((v - np.abs(v) * z - p["shape"] * v * np.abs(z)) / p["length"],)
 
+    def turned(
+        self, at: At, faster: FloatArray, more: Sequence[FloatArray], p: Parameters
+    ) -> tuple[Any, ...]:
+        """The memory fades otherwise from where the speed turns, and from where it is empty."""
+        z, v = at.own_states[0], at.speed
+        changed = _beyond_zero(v, faster) * z + p["shape"] * v * _beyond_zero(z, more[0])
+        return (-changed / p["length"],)
+
 
 class AddedInertia(ForceKind):
     """More mass moves than the model says."""
@@ -417,6 +441,16 @@ class Coupling(ForceKind):
     def force(self, at: At, p: Parameters) -> FloatArray:
         """In proportion."""
         return np.asarray(p["coefficient"] * at.other)
+
+
+def _beyond_zero(value: FloatArray, change: FloatArray) -> FloatArray:
+    """By how much the mean of |value| over a step exceeds what it is with the sign as it begins.
+
+    The value changes evenly. Without this, when within a step it passes zero would not matter, and
+    a likelihood would jump where that moves into another step.
+    """
+    beyond = np.where(value < 0.0, change + value, -change - value)
+    return np.asarray(np.maximum(beyond, 0.0) ** 2 / np.maximum(np.abs(change), 1e-300))
 
 
 def _softened(beyond: FloatArray, p: Parameters, at: At) -> FloatArray:

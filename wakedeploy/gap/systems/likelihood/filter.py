@@ -123,13 +123,16 @@ class Stepping:
     ) -> None:
         """Change `x` (k + d, L) and `p` in place; `given` are constants, values, time."""
         acting, k = self._acting, len(self._aside)
-        points, inputs = points_around(x, self._aside, self._points[:, : k + 1]), u.mean
+        # Away from zero, where much has a corner: a slope across it would be neither side's.
+        aside = np.where(x[:k] < 0.0, -self._aside, self._aside)
+        points, inputs = points_around(x, aside, self._points[:, : k + 1]), u.mean
         if u.early and not self._has_step:
             self._points[:, k + 1] = points[:, 0]
             points = self._points
             inputs = {n: self._twice(mean, u.early[n]) for n, mean in u.mean.items()}
         rates = acting.rates(points, inputs, *given)
-        stepped(x, p, rates, self._aside, self._driven, *self._noise,
+        acting.turn(x[:k], rates, given[1], step_s or self._step_s)
+        stepped(x, p, rates, aside, self._driven, *self._noise,
                 step_s or self._step_s, self._has_step, self._dry,
                 *acting.rubbed(x[:k], u.mean, *given))  # fmt: skip
 
