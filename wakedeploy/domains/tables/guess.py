@@ -162,7 +162,8 @@ def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[st
         if not is_even or any(_differs(t, timing) for file in files for t in file.timings):
             resampling = resampled(sampled for file in files for sampled in file.sampled())
     head = [
-        f"# What the columns of {path.absolute().name} mean, as far as it can be seen. Lines with a question",
+        f"# What the columns of {path.absolute().name} mean, as far as it can be seen. Lines with a "
+        "question",
         "# mark are guesses. Give the columns that you need a role: input, output, observation or",
         '# force, or several as in ["input", "observation"]. All others are left out.',
         *said,

@@ -93,7 +93,7 @@ def test_a_turn_within_a_step_counts_from_where_it_is(model, effect, parameters,
     [(*EFFECTS[0][:2], 25.0), (*EFFECTS[1][:2], 5.0)],
 )
 def test_a_motion_goes_smoothly_with_a_parameter(model, effect, parameters, most):
-    """A likelihood that jumps keeps a climb where it is, far below the top: by 168 and 36 before."""
+    """A likelihood that jumps keeps a climb where it is, far below the top; by 168 and 36 once."""
     sizes = parameters["length"] * (1.0 + 0.0002 * np.arange(100))
     acting = model.acting((effect,))
     sets = (values_of(model, effect, parameters | {"length": size}) for size in sizes)
