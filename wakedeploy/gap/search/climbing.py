@@ -11,10 +11,12 @@ import numpy as np
 
 from wakedeploy.gap.evidence.ascent import top_within
 from wakedeploy.gap.evidence.fits import (
+    NO_SLOPES,
     Fit,
     FloatArray,
     Score,
     Slopes,
+    densities,
     log_prior,
     neutral,
     prior_precision,
@@ -92,7 +94,7 @@ def climbed(model: Comparison, start: Fit) -> Fit:
 def begun(model: Comparison, hypothesis: tuple[str, ...], like: Fit, theta: FloatArray) -> Fit:
     """A point of a hypothesis, on the blocks of another fit; it has no slopes yet."""
     free = model.free(hypothesis)
-    return Fit(hypothesis, free, like.episodes, theta, Slopes((), (), ()), np.zeros(0))
+    return Fit(hypothesis, free, like.episodes, theta, NO_SLOPES, np.zeros(0))
 
 
 def advanced(model: Comparison, fitted: Fit) -> tuple[Fit, float]:
@@ -151,6 +153,5 @@ def fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:
             dv[:, i] = (there[e].variance - score.variance) / size
         innovation.append(de)
         variance.append(dv)
-    density = np.array([s.log_density.sum() for s in here])
     slopes = Slopes(here, tuple(innovation), tuple(variance))
-    return replace(fitted, theta=theta, slopes=slopes, per_episode=density)
+    return replace(fitted, theta=theta, slopes=slopes, per_episode=densities(here))

@@ -20,6 +20,7 @@ from wakedeploy.gap.evidence.fits import (
     Free,
     Score,
     Slopes,
+    densities,
     extended,
     neutral,
     prior_precision,
@@ -231,11 +232,9 @@ class _Climb:
 
     def at(self, theta: FloatArray, scores: tuple[Score, ...], slopes: Slopes) -> Fit:
         """A point with its scores; slopes of where the step began stand for those there."""
-        density = np.array([s.log_density.sum() for s in scores])
         rescored = Slopes(scores, slopes.innovation, slopes.variance)
-        return Fit(
-            self._hypothesis, self._free, self._ground.base.episodes, theta, rescored, density
-        )
+        episodes, density = self._ground.base.episodes, densities(scores)
+        return Fit(self._hypothesis, self._free, episodes, theta, rescored, density)
 
 
 def _seeds(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Slopes, scores_of
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, FloatArray, densities, scores_of
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
@@ -196,8 +196,7 @@ def _round_of(rounds: Sequence[Round], found: str) -> Round:
 def _scored(model: Comparison, like: Fit, theta: FloatArray) -> Fit:
     """Another point of a fit's hypothesis, on its episodes; it has no slopes yet."""
     scores = scores_of(model, like.hypothesis, theta[None], like.episodes)[0]
-    density = np.array([s.log_density.sum() for s in scores])
-    return Fit(like.hypothesis, like.free, like.episodes, theta, Slopes((), (), ()), density)
+    return Fit(like.hypothesis, like.free, like.episodes, theta, NO_SLOPES, densities(scores))
 
 
 def _gained(base: Fit, fitted: Fit) -> float:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Score, Slopes, scores_of
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, densities, scores_of
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.search.climbing import advanced, fresh
@@ -62,20 +62,16 @@ def bettered(model: Comparison, base: Fit, others: Iterable[Fit]) -> Fit:
 
 def _scored(model: Comparison, name: str, episodes: tuple[int, ...]) -> list[Fit]:
     """A candidate at each of its starts, at points where a system may begin."""
-    hypothesis, nothing = (name,), Slopes((), (), ())
+    hypothesis = (name,)
     free = model.free(hypothesis)
     places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     around = points_around(model, hypothesis)
     points = [start for point in around for start in starts_of(point, free, places)]
     scores = scores_of(model, hypothesis, np.array(points), episodes)
     return [
-        Fit(hypothesis, free, episodes, theta, nothing, _densities(each))
+        Fit(hypothesis, free, episodes, theta, NO_SLOPES, densities(each))
         for theta, each in zip(points, scores, strict=True)
     ]
-
-
-def _densities(scores: Sequence[Score]) -> FloatArray:
-    return np.array([s.log_density.sum() for s in scores])
 
 
 def _climbed(model: Comparison, fitted: Fit, count: int) -> Fit:

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.fits import Fit, Free, Hypothesis, Score, Slopes, neutral
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, Free, Hypothesis, Score, neutral
 from wakedeploy.gap.systems.gantry.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.systems.gantry.forces import Forces, Physics
 from wakedeploy.gap.systems.gantry.parameters import HOLD, NOISE, Layout, own_effects
@@ -252,8 +252,7 @@ class GantryModel:
     def neutral(self) -> Fit:
         """The rig file as it is, fitted to nothing: all parameters at their priors' centres."""
         free = self.free(())
-        nowhere = Slopes((), (), ())
-        return Fit((), free, tuple(range(self.episodes)), neutral(free), nowhere, np.zeros(0))
+        return Fit((), free, tuple(range(self.episodes)), neutral(free), NO_SLOPES, np.zeros(0))
 
     def only(self, episodes: Sequence[int]) -> "GantryModel":
         """The model of some of the flights."""

@@ -17,7 +17,7 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.ascent import slopes_at
-from wakedeploy.gap.evidence.fits import Fit, FloatArray
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, densities
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.likelihood.logs import LogModel
@@ -225,9 +225,8 @@ def _at_base(model: LogModel, base: Fit, columns: Mapping[str, FloatArray]) -> t
     theta = np.clip(theta, [f.low for f in free], [f.high for f in free])
     used = tuple(range(other.episodes))
     slopes = slopes_at(other, base.hypothesis, used, theta)
-    per_block = np.array([s.log_density.sum() for s in slopes.scores])
     return other, replace(base, free=free, episodes=used, theta=theta, slopes=slopes,
-                          per_episode=per_block)  # fmt: skip
+                          per_episode=densities(slopes.scores))  # fmt: skip
 
 
 def _losses(model: LogModel, base: Fit, sizes: Mapping[str, Sequence[float]]) -> Losses:

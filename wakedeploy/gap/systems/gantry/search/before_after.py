@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.fits import Fit, Hypothesis, Slopes
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, Hypothesis, Slopes
 from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
 from wakedeploy.gap.few_flights import cannot_tell
@@ -239,7 +239,7 @@ def _line(model: GantryModel, base: Fit) -> GantryModel:
     known = dict(zip(base.names, base.theta, strict=True))
     free = bare.free(())
     theta = np.array([known.get(f.name, f.neutral) for f in free])
-    plain = Fit((), free, (), theta, Slopes((), (), ()), np.zeros(0))
+    plain = Fit((), free, (), theta, NO_SLOPES, np.zeros(0))
     return GantryModel(model.rig, bare.around_own_motion(plain).flights, model.extra)
 
 
