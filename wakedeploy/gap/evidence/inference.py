@@ -109,6 +109,11 @@ def held_out(base: Fit, larger: Fit) -> FloatArray:
     return seen - _flattery(larger, places)
 
 
+def gain_over(base: Fit, larger: Fit) -> float:
+    """What a larger hypothesis gains on episodes held out, priors included [nats]."""
+    return float(held_out(base, larger).sum()) + larger.log_prior - base.log_prior
+
+
 def _flattery(fitted: Fit, places: Sequence[int]) -> FloatArray:
     """How much too well parameters fit each episode for having been fitted to it, (E,) nats."""
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()

@@ -16,6 +16,7 @@ from wakedeploy.gap.evidence.fits import (
     FloatArray,
     Score,
     Slopes,
+    bounds_of,
     densities,
     log_prior,
     neutral,
@@ -97,6 +98,11 @@ def begun(model: Comparison, hypothesis: tuple[str, ...], like: Fit, theta: Floa
     return Fit(hypothesis, free, like.episodes, theta, NO_SLOPES, np.zeros(0))
 
 
+def height(fitted: Fit) -> float:
+    """How high a point is; one that has left the model is below all others [nats]."""
+    return float(np.nan_to_num(fitted.objective, nan=-np.inf))
+
+
 def advanced(model: Comparison, fitted: Fit) -> tuple[Fit, float]:
     """One step on, with fresh slopes, and the nats that it gained."""
     for dampings in _DAMPED:
@@ -118,7 +124,7 @@ def _stepped(fitted: Fit, damping: float) -> FloatArray:
     """A step of Levenberg and Marquardt, within the bounds."""
     free, theta = fitted.free, fitted.theta
     precision = prior_precision(free)
-    low, high = (np.array([getattr(f, end) for f in free]) for end in ("low", "high"))
+    low, high = bounds_of(free)
     gradient = fitted.slopes.gradient().sum(0) - precision * (theta - neutral(free))
     curvature = fitted.slopes.fisher().sum(0) + np.diag(precision)
     curvature += damping * np.diag(np.diag(curvature))

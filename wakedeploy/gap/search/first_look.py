@@ -20,9 +20,11 @@ from wakedeploy.gap.evidence.fits import (
     Free,
     Score,
     Slopes,
+    bounds_of,
     densities,
     extended,
     neutral,
+    own_places,
     prior_precision,
     scores_of,
 )
@@ -109,7 +111,7 @@ class _Plan:
     @classmethod
     def of(cls, model: Comparison, base: Fit, name: str) -> "_Plan":
         free = model.free((*base.hypothesis, name))
-        places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+        places = own_places(free, name)
         amplitudes = [i for i in places if free[i].neutral == 0.0] or places
         origin = extended(base, free)
         starts = starts_of(origin, free, places)
@@ -218,8 +220,8 @@ class _Climb:
         amplitudes = [self._free[i] for i in self._amplitudes]
         curvature = span.T @ span + np.diag(prior_precision(amplitudes))
         amount = np.linalg.lstsq(curvature, pull, rcond=1e-10)[0]
-        low, high = np.array([f.low for f in amplitudes]), np.array([f.high for f in amplitudes])
-        amount = np.clip(seed[self._amplitudes] + amount, low, high) - seed[self._amplitudes]
+        there = seed[self._amplitudes] + amount
+        amount = np.clip(there, *bounds_of(amplitudes)) - seed[self._amplitudes]
         step = np.zeros(len(self._free))
         step[self._amplitudes] = amount
         step[self._shared] = -(self._ground.followed(columns) @ amount)[self._theirs]
@@ -227,8 +229,7 @@ class _Climb:
 
     def within(self, theta: FloatArray) -> FloatArray:
         """A point moved to within the bounds."""
-        low, high = np.array([f.low for f in self._free]), np.array([f.high for f in self._free])
-        return np.asarray(np.clip(theta, low, high))
+        return np.asarray(np.clip(theta, *bounds_of(self._free)))
 
     def at(self, theta: FloatArray, scores: tuple[Score, ...], slopes: Slopes) -> Fit:
         """A point with its scores; slopes of where the step began stand for those there."""

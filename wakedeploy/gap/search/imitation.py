@@ -17,6 +17,7 @@ from wakedeploy.gap.evidence.fits import (
     densities,
     extended,
     log_prior,
+    own_places,
 )
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import raced
@@ -81,7 +82,7 @@ def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dic
 def _points(best: Fit, free: Sequence[Free], name: str) -> list[FloatArray]:
     """A candidate at its starts, and as late as the best one is, where both are delays."""
     origin = extended(best, free)
-    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = own_places(free, name)
     points = starts_of(origin, free, places)
     late = [v for f, v in zip(best.free, best.theta, strict=True) if _is_delay(f, best)]
     for i in places:

@@ -11,15 +11,13 @@ In: the outcome of a search. Out: what each half leads with, at which size, and 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, FloatArray, densities, scores_of
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Half, Lead, Repeated, Round
-from wakedeploy.gap.search.climbing import raced
+from wakedeploy.gap.search.climbing import height, raced
 from wakedeploy.gap.search.comparison import Comparison, searched_on, theta_from
 from wakedeploy.gap.search.first_look import Ground, looks
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, Named, verdict_of
@@ -163,7 +161,7 @@ class _Asked:
         if name not in (self.found, *self.rivals) or name not in self.known:
             return seen
         theta = theta_from(self.model, seen.hypothesis, self.whole, self.known[name])
-        return max(seen, _scored(self.model, seen, theta), key=_height)
+        return max(seen, _scored(self.model, seen, theta), key=height)
 
     def _leading(self, ranked: Sequence[Candidate]) -> Candidate:
         """What was found or a member of its class, where the half does not tell it from the best.
@@ -200,8 +198,4 @@ def _scored(model: Comparison, like: Fit, theta: FloatArray) -> Fit:
 
 
 def _gained(base: Fit, fitted: Fit) -> float:
-    return _height(fitted) - base.objective
-
-
-def _height(fitted: Fit) -> float:
-    return float(np.nan_to_num(fitted.objective, nan=-np.inf))
+    return height(fitted) - base.objective

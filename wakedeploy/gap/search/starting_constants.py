@@ -19,7 +19,7 @@ from wakedeploy.gap.evidence.fits import (
     neutral,
     scores_of,
 )
-from wakedeploy.gap.search.climbing import raced
+from wakedeploy.gap.search.climbing import height, raced
 from wakedeploy.gap.search.comparison import Comparison
 
 _TRIED, _RACED = 32, 3  # points, and how many of them are climbed
@@ -39,7 +39,7 @@ def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
         Fit((), free, some, theta, NO_SLOPES, densities(each))
         for theta, each in zip(points, scores, strict=True)
     ]
-    order = sorted(fits, key=lambda f: -np.nan_to_num(f.objective, nan=-np.inf))
+    order = sorted(fits, key=lambda f: -height(f))
     better = [f for f in order[:_RACED] if f.objective > fits[0].objective]
     if not better:
         return start
