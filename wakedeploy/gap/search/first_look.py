@@ -172,7 +172,7 @@ def _look(
     model: Comparison, ground: Ground, plan: _Plan, scores: Sequence[tuple[Score, ...]]
 ) -> Look:
     base, moved, count = ground.base, plan.moved, len(plan.amplitudes)
-    climb = _Climb(model, ground, plan.name, plan.free, plan.amplitudes)
+    climb = _Climb(ground, plan.name, plan.free, plan.amplitudes)
     columns = [
         _slopes(base, plan.free, scores[k : k + count], moved[k : k + count])
         for k in range(0, len(moved), count)
@@ -199,12 +199,7 @@ class _Climb:
     """Steps of a candidate's amplitudes, the base's parameters following."""
 
     def __init__(
-        self,
-        model: Comparison,
-        ground: Ground,
-        name: str,
-        free: tuple[Free, ...],
-        amplitudes: Sequence[int],
+        self, ground: Ground, name: str, free: tuple[Free, ...], amplitudes: Sequence[int]
     ) -> None:
         self._ground, self._free, self._amplitudes = ground, free, list(amplitudes)
         self._hypothesis = (*ground.base.hypothesis, name)

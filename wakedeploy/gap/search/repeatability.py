@@ -144,7 +144,7 @@ class _Asked:
         order = sorted(looks(model, ground, names), key=lambda seen: -seen.prospect(base))
         further = [seen.name for seen in order if seen.name not in wanted][:PROMISING]
         chosen = [seen for seen in order if seen.name in {*wanted, *further}]
-        fits = {seen.name: self._start(base, seen.name, seen.fit) for seen in chosen}
+        fits = {seen.name: self._start(seen.name, seen.fit) for seen in chosen}
         prospects = {s.name: max(s.promised, _gained(base, fits[s.name])) for s in chosen}
         least = max(RULES.least_nats, WORTH * max(prospects.values()))
         able = [n for n in fits if n == self.found or prospects[n] > least]
@@ -156,7 +156,7 @@ class _Asked:
         hypothesis, episodes, slopes = raced_fit.hypothesis, raced_fit.episodes, raced_fit.slopes
         return fit(self.model, hypothesis, episodes, raced_fit.theta, slopes)
 
-    def _start(self, base: Fit, name: str, seen: Fit) -> Fit:
+    def _start(self, name: str, seen: Fit) -> Fit:
         """Where a first look came to, or where the whole search has it, if that is higher here."""
         if name not in (self.found, *self.rivals) or name not in self.known:
             return seen
