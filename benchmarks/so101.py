@@ -20,13 +20,12 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
-from benchmarks.real_systems.answering import EXAMPLES, recordings_folder
+from benchmarks.real_systems.answering import EXAMPLES, kept_of, recordings_folder
 from benchmarks.records import COMMIT, write
 from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
-from wakedeploy.gap.search.artefacts import Ranked
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.correction import correction_of, write_correction
@@ -64,7 +63,7 @@ def told_of(joint: str, out: Path) -> dict[str, Any]:
     return kept | {
         "joint": joint,
         "threshold_nats": document.threshold_nats,
-        "leading": [_leading(ranked) for ranked in document.rounds[0].ranking[:_LEADING]],
+        "leading": [kept_of(ranked) for ranked in document.rounds[0].ranking[:_LEADING]],
         "plain_servo": {"stiffness_per_s2": plain[0], "damping_per_s": plain[1]},
         "replays": {
             recording.name: _replay(recording, plain, better)
@@ -129,12 +128,6 @@ def _shown(
         "corrected": better.simulate(recording)["angle_rad"],
     }
     return {n: [round(float(v), 5) for v in values[start:stop]] for n, values in series.items()}
-
-
-def _leading(ranked: Ranked) -> dict[str, Any]:
-    kept = {"judged": None, "forecast": None} | ranked.model_dump(exclude_none=True)
-    del kept["parameters"]
-    return kept
 
 
 def _begun(recording: Recording) -> Recording:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from runtime.predictor import PackagePredictor
+from runtime.stepped import SteppedPredictor
 from wakedeploy.core.errors import CheckFailed
 from wakedeploy.core.manifest import PARITY_STEPS, FloatArray, Manifest, Parity
 from wakedeploy.core.package import Package
@@ -52,7 +53,7 @@ def compare(force: FloatArray, reference: FloatArray) -> Difference:
     return Difference(float(np.max(apart)), float(relative[channel]), channel, step)
 
 
-def rolled_out(predictor: PackagePredictor, observations: FloatArray) -> FloatArray:
+def rolled_out(predictor: SteppedPredictor, observations: FloatArray) -> FloatArray:
     """Forces (T, o) from a cold start over observations (T, d)."""
     predictor.reset()
     return np.stack([predictor.step(observation) for observation in observations])

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.hidden_effects.cases import all_cases
+from benchmarks.results.section import table
 from wakedeploy.core import figures
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def headline(summary: Summary) -> str:
                 "85–95 %",
             ]
         )
-    return _table(["", "measured", "cases", "bar"], rows)
+    return table(["", "measured", "cases", "bar"], rows)
 
 
 def _closed(summary: Summary) -> str:
@@ -150,7 +151,7 @@ def _by_nats(bins: Sequence[Mapping[str, Any]]) -> str:
         ]
         for b in bins
     ]
-    return _table(["nats", "right", "cases"], rows)
+    return table(["nats", "right", "cases"], rows)
 
 
 def _plants(summary: Summary) -> str:
@@ -158,7 +159,7 @@ def _plants(summary: Summary) -> str:
         [plant, _share(summary["by_plant"][plant]), _share(summary["false_alarms_by_plant"][plant])]
         for plant in summary["by_plant"]
     ]
-    return _table(["plant", "right from 15 nats", "false alarms"], rows)
+    return table(["plant", "right from 15 nats", "false alarms"], rows)
 
 
 def _coverage(fitted: Mapping[str, Any], named: Mapping[str, Any]) -> str:
@@ -170,7 +171,7 @@ def _coverage(fitted: Mapping[str, Any], named: Mapping[str, Any]) -> str:
             f"{_share(x)}, {x['count']} of {x['of']}" if x["of"] else "–" for x in (coverage, other)
         ]
         rows.append([name, *cells])
-    return _table(["effect", "all cases, true effect fitted", "named by the workflow"], rows)
+    return table(["effect", "all cases, true effect fitted", "named by the workflow"], rows)
 
 
 def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -190,16 +191,16 @@ def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
         "honest where the share of hidden effects agrees with the mean confidence."
     )
     head = ["confidence", "mean", "hidden indeed", "answers"]
-    return f"## How sure, and how often rightly\n\n{text}\n\n{_table(head, cells)}"
+    return f"## How sure, and how often rightly\n\n{text}\n\n{table(head, cells)}"
 
 
-def _confusion(table: Mapping[str, Mapping[str, int]]) -> str:
+def _confusion(confused: Mapping[str, Mapping[str, int]]) -> str:
     rows = []
-    for hidden, counts in sorted(table.items()):
+    for hidden, counts in sorted(confused.items()):
         others = sorted(((n, a) for a, n in counts.items() if a != hidden), reverse=True)
         total, right = sum(counts.values()), counts.get(hidden, 0)
         rows.append([hidden, f"{right} of {total}", ", ".join(f"{a} {n}" for n, a in others)])
-    return _table(["hidden", "answered exactly so", "other answers"], rows)
+    return table(["hidden", "answered exactly so", "other answers"], rows)
 
 
 def _tracking(flown: Mapping[str, Any]) -> str:
@@ -217,7 +218,7 @@ def _tracking(flown: Mapping[str, Any]) -> str:
     )
     if mean is not None:
         text += f" Geometric mean of the ratios: {mean:.2f}, over {flown['count']}."
-    return f"## Old and new predictor flown\n\n{text}\n\n{_table(head, rows)}"
+    return f"## Old and new predictor flown\n\n{text}\n\n{table(head, rows)}"
 
 
 def _flown(case: Mapping[str, Any]) -> list[str]:
@@ -248,7 +249,7 @@ def _errors(errors: Mapping[str, str]) -> str:
     if not errors:
         return ""
     rows = [[name, _placeless(error)] for name, error in sorted(errors.items())]
-    return "## Cases that failed\n\nEach counts as wrong.\n\n" + _table(["case", "error"], rows)
+    return "## Cases that failed\n\nEach counts as wrong.\n\n" + table(["case", "error"], rows)
 
 
 def _placeless(error: str) -> str:
@@ -266,11 +267,6 @@ def _range(bounds: Mapping[str, float | None]) -> str:
     high = bounds["high"]
     endless = high is None or math.isinf(high)
     return f"{bounds['low']:g} and above" if endless else f"{bounds['low']:g} to {high:g}"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def _draw_bins(axes: Any, bins: Sequence[Mapping[str, Any]]) -> None:

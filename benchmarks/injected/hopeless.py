@@ -9,8 +9,6 @@ from benchmarks.injected.plant import push
 
 GROUP = "not survivable"
 
-Drive = Callable[[float, float], tuple[float, float]]
-
 
 def pins(
     scene: Scene, *, drive: Callable[[float, float, float, float], tuple[float, float]]

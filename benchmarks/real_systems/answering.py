@@ -51,7 +51,7 @@ def answer(case: Case, part: str) -> dict[str, Any]:
         "repeated": None if again is None else again.model_dump(),
         "seconds_repeating": time.process_time() - searched_s,
         "threshold_nats": document.threshold_nats,
-        "leading": [_leading(ranked) for ranked in document.rounds[0].ranking[:LEADING]],
+        "leading": [kept_of(ranked) for ranked in document.rounds[0].ranking[:LEADING]],
         "far_ahead": naming.is_far_ahead,
         "errors": _errors(model, base, naming),
         "samples": sum(log.outputs.shape[1] for log in model.logs),
@@ -61,7 +61,7 @@ def answer(case: Case, part: str) -> dict[str, Any]:
     }
 
 
-def _leading(ranked: Ranked) -> dict[str, Any]:
+def kept_of(ranked: Ranked) -> dict[str, Any]:
     """What an effect gains alone, and why it is not named."""
     kept = {"judged": None, "forecast": None} | ranked.model_dump(exclude_none=True)
     del kept["parameters"]

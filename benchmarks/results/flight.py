@@ -13,6 +13,7 @@ from benchmarks.results.section import (
     table,
 )
 from wakedeploy.cli.demo import MINUTES
+from wakedeploy.gap.wording import listed
 
 Row = Mapping[str, Any]
 
@@ -123,7 +124,7 @@ def latency(records: Records) -> Section:
     text = (
         f"The budget is {alone['budget_ms']:.2f} ms: the period less the round trip. With "
         f"`--realtime` the p99.9 is {span([r['p999_ms'] for r in alone['rows']], 2)} ms. Without "
-        "it " + (f"{_listed(missed)} missed the budget." if missed else "none missed the budget.")
+        "it " + (f"{listed(missed)} missed the budget." if missed else "none missed the budget.")
     )
     head = ["architecture", "p50 [ms]", "p99", "p99.9", "max", "CPU of one core", "memory"]
     return Section(
@@ -134,10 +135,6 @@ def latency(records: Records) -> Section:
         paragraphs(table([*head, "p99.9 without"], lines), text),
         ("python -m benchmarks.latency --json docs/records/latency.json",),
     )
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def endings(records: Records) -> Section:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ARCHITECTURES = ("agile-mlp", "history-mlp", "delay-embedding", "gru", "tcn", "mamba", "esn")
-ARCHITECTURES += ("cross-attention",)
+ARCHITECTURES: tuple[str, ...] = ("agile-mlp", "history-mlp", "delay-embedding", "gru", "tcn")
+ARCHITECTURES += ("mamba", "esn", "cross-attention")
 MEMORYLESS = ARCHITECTURES[0]
 
 

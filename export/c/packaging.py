@@ -32,7 +32,7 @@ from runtime.compiled.driven import driven
 from runtime.compiled.folder import CFolder, Document, Proof, Rounding, read_c_folder, sealed
 from runtime.compiled.predictor import CompiledPredictor
 from runtime.compiled.proof import Proved, proved
-from runtime.replay import compare
+from runtime.replay import compare, rolled_out
 from wakedeploy.core.errors import CheckFailed, UnusableInput, why
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.manifest import FloatArray
@@ -269,11 +269,11 @@ def _stepped(
     inputs = reference.inputs if real is None else real.observation
     expected = reference.expected if real is None else reference(inputs)
     predictor = CompiledPredictor(folder, flags=flags)
-    worst = compare(_rolled(predictor, inputs), expected).max_rel
+    worst = compare(rolled_out(predictor, inputs), expected).max_rel
     if reference.record is None or reference.rounded is not None:
         return worst
     recorded = compare(
-        _rolled(predictor, reference.record.observation), reference.record.force
+        rolled_out(predictor, reference.record.observation), reference.record.force
     ).max_rel
     if worst <= reference.limit and not recorded <= reference.limit:
         raise CheckFailed(
@@ -282,11 +282,6 @@ def _stepped(
             "Record and graph do not belong together; export the run anew."
         )
     return max(worst, recorded)
-
-
-def _rolled(predictor: CompiledPredictor, observations: FloatArray) -> FloatArray:
-    predictor.reset()
-    return np.stack([predictor.step(observation) for observation in observations])
 
 
 def _require_parity(proofs: Sequence[Proof], document: Document) -> None:
@@ -304,7 +299,7 @@ def _rounding(folder: CFolder, reference: _Reference, real: Real | None) -> Roun
     predictor = CompiledPredictor(folder)
     series = [reference.inputs] if real is None else [given for given, _ in real.episodes]
     exact = [reference.trained(inputs).astype(np.float64) for inputs in series]  # (T, o) each
-    given = [_rolled(predictor, inputs).astype(np.float64) for inputs in series]  # (T, o) each
+    given = [rolled_out(predictor, inputs).astype(np.float64) for inputs in series]  # (T, o) each
     every, all_given = np.concatenate(exact), np.concatenate(given)
     spread = np.where(every.std(axis=0) > 0.0, every.std(axis=0), 1.0)
     changed = float(np.max(np.sqrt(np.mean((all_given - every) ** 2, axis=0)) / spread))

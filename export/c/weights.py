@@ -17,7 +17,6 @@ from export.c.values import literal
 from wakedeploy.core.manifest import FloatArray
 
 Kind = Literal["float32", "float16", "int8"]
-KINDS: tuple[Kind, ...] = ("float32", "float16", "int8")
 BLOCK = 8  # rows
 _SPARSE = 0.4  # of entries: below, two bytes of column number per entry cost less than the zeros
 _WORTH = 1024  # entries

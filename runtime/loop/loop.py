@@ -25,7 +25,7 @@ from runtime.loop.estimator import SAME_TICKS
 from runtime.loop.forecasting import Forecasting, Prediction
 from runtime.loop.interfaces import Onlooker, RowSink, Wire
 from runtime.loop.lateness import Lateness
-from runtime.loop.pilot import LogValue, Pilot, resting_reference, tick_row
+from runtime.loop.pilot import LogValue, Pilot, finite_or_none, resting_reference, tick_row
 from runtime.loop.prediction_worker import Predictions
 from runtime.loop.readings import RangeDoor, Seen
 from runtime.loop.safety import ANSWERS_MISSING_S, Event, Findings, Mode, SafetyState
@@ -462,15 +462,15 @@ class Loop:
             "source_applied_us": status.source_us,
             "sufferer_applied_us": status.sufferer_us,
             "seq_echo": status.sequence,
-            "round_trip_s": _or_none(answer.round_trip_s) if heard.is_new else None,
+            "round_trip_s": finite_or_none(answer.round_trip_s) if heard.is_new else None,
             "applied_time_s": applied_s(answer) - self._origin_s,
             "homed": int(status.homed),
             "battery_v": status.battery_mv / 1000.0 if status.battery_mv else None,
             "mode": self._safety.mode.value,
             "faults": "+".join(self._safety.faults),
-            "true_wake_force_n": _or_none(reading.true_wake_force_n),
-            "true_hook_force_n": _or_none(reading.true_hook_force_n),
-            "true_z_m": _or_none(reading.true_z_m),
+            "true_wake_force_n": finite_or_none(reading.true_wake_force_n),
+            "true_hook_force_n": finite_or_none(reading.true_hook_force_n),
+            "true_z_m": finite_or_none(reading.true_z_m),
         }
 
     def _record(self, row: Row, tick: Tick) -> None:
@@ -487,7 +487,3 @@ def applied_s(answer: Answer) -> float:
     """When the newest pulses reached the pins [s, monotonic], late by the answer's own way."""
     ago_us = (answer.mcu_time_us - answer.status.applied_time_us) % TIME_WRAP_US
     return answer.received_s - ago_us * 1e-6
-
-
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -181,16 +181,16 @@ def tick_row(
     return {
         "tick": tick,
         "t_s": measured.t_s,
-        "range_m": _finite(measured.range_m),
-        "range_age_s": _finite(measured.range_age_s),
+        "range_m": finite_or_none(measured.range_m),
+        "range_age_s": finite_or_none(measured.range_age_s),
         "range_repeats": measured.range_repeats,
         "steps": measured.steps,
         "x_m": now.x_m,
         "vx_mps": now.vx_mps,
         "z_est_m": now.z_m,
         "vz_est_mps": now.vz_mps,
-        "innovation_m": _finite(now.innovation_m),
-        "innovation_var_m2": _finite(now.innovation_var_m2),
+        "innovation_m": finite_or_none(now.innovation_m),
+        "innovation_var_m2": finite_or_none(now.innovation_var_m2),
         "z_ref_m": aim.z_m,
         "x_ref_m": aim.x_m,
         "feedforward_n": terms.feedforward_n,
@@ -202,5 +202,6 @@ def tick_row(
     }
 
 
-def _finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """A number of a row; None in the place of NaN and infinity."""
     return value if math.isfinite(value) else None

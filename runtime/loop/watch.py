@@ -40,7 +40,6 @@ class GapReport:
 
     worst: float = math.nan
     first_left_s: float | None = None
-    times_left: int = 0
     why: str = ""
     failed: str = ""  # why it stopped, if it did
 
@@ -130,7 +129,6 @@ class GapWatch:
             report.worst = score
         if score > 1.0 and not self._is_out:
             self._is_out = True
-            report.times_left += 1
             if report.first_left_s is None:
                 report.first_left_s, report.why = when_s, why
             self._say(

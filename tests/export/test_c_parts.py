@@ -3,6 +3,7 @@
 import ctypes
 import dataclasses
 import re
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -15,11 +16,12 @@ from export.c.kernels import needed
 from export.c.rounding import _integers
 from export.c.source import _plain, _quoted
 from export.c.values import literal
-from export.c.weights import KINDS, Matrix
+from export.c.weights import Kind, Matrix
 from runtime.compiled.compiler import compiled
 from runtime.compiled.folder import _ESCAPED
 from wakedeploy.core.errors import UnusableInput
 
+KINDS = get_args(Kind)
 _NUMPY = {"float32": np.float32, "float16": np.uint16, "int8": np.int8}
 
 

@@ -53,7 +53,7 @@ def problem_of(trial: FrozenTrial, searched: Collection[str], objectives: int) -
         _Told.model_validate(trial.user_attrs)
         _Queued.model_validate(trial.system_attrs)
         _require_possible(trial, objectives)
-        unknown = (trial.params.keys() | _point(trial)) - set(searched)
+        unknown = (trial.params.keys() | fixed_params(trial)) - set(searched)
         if unknown:
             raise ValueError(f"it searches {min(unknown)}, which the study does not")
     except ValidationError as error:
@@ -63,7 +63,8 @@ def problem_of(trial: FrozenTrial, searched: Collection[str], objectives: int) -
     return None
 
 
-def _point(trial: FrozenTrial) -> dict[str, Any]:
+def fixed_params(trial: FrozenTrial) -> dict[str, Any]:
+    """The parameters that a queue gives a trial."""
     fixed: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
     return fixed
 

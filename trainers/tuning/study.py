@@ -20,7 +20,7 @@ from optuna.trial import FrozenTrial, TrialState
 from trainers.build import ARCHITECTURES
 from trainers.tuning.plan import COSTS, Plan
 from trainers.tuning.sampler import AGAIN, SeededByTrial
-from trainers.tuning.sound import problem_of
+from trainers.tuning.sound import fixed_params, problem_of
 from trainers.tuning.space import Point, split, trained_point
 from trainers.tuning.storage import Place
 from wakedeploy.core.errors import UnusableInput
@@ -64,7 +64,7 @@ def is_new(study: optuna.Study, point: Point) -> bool:
     """Whether the study neither tried a point nor has it in the queue, as it would be trained."""
     arch = arch_of(study)
     asked = split(arch, point)
-    tried = ({**_fixed_params(trial), **trained_point(arch, trial)} for trial in all_trials(study))
+    tried = ({**fixed_params(trial), **trained_point(arch, trial)} for trial in all_trials(study))
     return all(split(arch, known) != asked for known in tried)
 
 
@@ -157,12 +157,7 @@ def _enqueue_again(study: optuna.Study, trial: FrozenTrial, marks: dict[str, Any
 
 def _point(trial: FrozenTrial) -> dict[str, Any]:
     """What was drawn of a trial's point, or what it had been told."""
-    return {**_fixed_params(trial), **trial.params}
-
-
-def _fixed_params(trial: FrozenTrial) -> dict[str, Any]:
-    fixed: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
-    return fixed
+    return {**fixed_params(trial), **trial.params}
 
 
 def _made(storage: BaseStorage, name: str, plan: Plan) -> optuna.Study:

@@ -13,7 +13,7 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.ascent import slopes_at
-from wakedeploy.gap.evidence.fits import Fit
+from wakedeploy.gap.evidence.fits import Fit, densities
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, Result, joined, read
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead
@@ -140,5 +140,4 @@ class Folder:
             )
         theta = np.array([values[f.name] for f in free])
         slopes = slopes_at(model, hypothesis, used, theta)
-        density = np.array([s.log_density.sum() for s in slopes.scores])
-        return Fit(hypothesis, free, tuple(used), theta, slopes, density)
+        return Fit(hypothesis, free, tuple(used), theta, slopes, densities(slopes.scores))

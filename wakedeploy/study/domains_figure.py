@@ -22,6 +22,7 @@ from wakedeploy.study.domains import (
 from wakedeploy.study.domains_sentence import headline, sentence
 from wakedeploy.study.folder import Part
 from wakedeploy.study.runs import choice
+from wakedeploy.study.uncertainty import spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -164,7 +165,7 @@ def _kinds(name: str, lines: Sequence[Line]) -> Part:
         each = {kind: [line.groups[kind][-1] for line in runs] for kind in kinds}
         mean = np.mean([each[kind] for kind in means], axis=0)
         shown.append(
-            [predictor, *(_spread(v, ".3g") for v in each.values()), _spread(list(mean), ".3g")]
+            [predictor, *(spread(v, ".3g") for v in each.values()), spread(list(mean), ".3g")]
         )
     text = f"{channels[-1]['channel']} on {name} by kind of flight, RMSE in {channels[-1]['unit']}."
     best = best_over_kinds(lines)
@@ -219,15 +220,8 @@ def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
     for name, runs in by_predictor(lines).items():
         row = [f"{name} (no memory)" if name == MEMORYLESS else name]
         for i in range(len(channels)):
-            row.append(_spread([line.channels[i]["rmse"] for line in runs], ".4g"))
-            row.append(_spread([line.channels[i]["r2"] for line in runs], ".3f"))
+            row.append(spread([line.channels[i]["rmse"] for line in runs], ".4g"))
+            row.append(spread([line.channels[i]["r2"] for line in runs], ".3f"))
             row.append(r2_over_seeds(runs, i).text)
         rows.append(row)
     return columns, rows
-
-
-def _spread(values: Sequence[float], form: str) -> str:
-    mean = format(float(np.mean(values)), form)
-    if len(values) < 2:
-        return mean
-    return f"{mean} ± {format(float(np.std(values, ddof=1)), '.1g')}"

@@ -15,8 +15,7 @@ from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.lead import NOTHING, TRUTH, Point, best, models, sentence, shares, tracking
 from wakedeploy.study.runs import choice
-from wakedeploy.study.uncertainty import R2
-from wakedeploy.study.window_figure import spread
+from wakedeploy.study.uncertainty import R2, spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

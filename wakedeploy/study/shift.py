@@ -50,6 +50,11 @@ class Shifted:
     lines: tuple[Tracked, ...]
 
     @property
+    def text(self) -> str:
+        """The spread as it is printed."""
+        return f"±{100 * self.spread:.0f} %"
+
+    @property
     def models(self) -> tuple[Tracked, ...]:
         """The lines of trained models."""
         return self.lines[len(LIMITS) :]
@@ -178,11 +183,10 @@ def sentence(nominal: Shifted, spreads: Sequence[Shifted], chosen: str | None = 
         rank = sorted(at_spread.models, key=lambda line: line.mean_m)
         place = [line.name for line in rank].index(chosen) + 1
         parts.append(
-            f"at {_spread(at_spread)} it is number {place} of {len(rank)} and "
-            f"{at_spread.share(chosen)}"
+            f"at {at_spread.text} it is number {place} of {len(rank)} and {at_spread.share(chosen)}"
         )
     text = (
-        f"Trained at {_spread(first)}, {chosen}, the best on validation, {first.share(chosen)} "
+        f"Trained at {first.text}, {chosen}, the best on validation, {first.share(chosen)} "
         f"there (where it learned and flies the nominal physics, it {nominal.share(chosen)}); "
         f"{'; '.join(parts)}."
     )
@@ -196,7 +200,7 @@ def _order(first: Shifted, others: Sequence[Shifted]) -> str:
     for at_spread in others:
         found = agreement(first, at_spread)
         said.append(
-            f"at {_spread(at_spread)} it {words[found.kept]} (Kendall's τ = {found.text}; of the "
+            f"at {at_spread.text} it {words[found.kept]} (Kendall's τ = {found.text}; of the "
             f"{found.apart} of {found.pairs} pairs that the flights separate at both, "
             f"{found.turned} change places)"
         )
@@ -205,12 +209,8 @@ def _order(first: Shifted, others: Sequence[Shifted]) -> str:
 
 def _memory(spreads: Sequence[Shifted]) -> str:
     """The paper's claim of memory, spread by spread."""
-    found = {_spread(at_spread): memory(at_spread.models) for at_spread in spreads}
+    found = {at_spread.text: memory(at_spread.models) for at_spread in spreads}
     said = [f"at {at} {effect.text}" for at, effect in found.items() if effect is not None]
     if not said:
         return ""
     return f" In the paper memory helps in flight at every spread: here {'; '.join(said)}."
-
-
-def _spread(at_spread: Shifted) -> str:
-    return f"±{100 * at_spread.spread:.0f} %"

@@ -59,7 +59,7 @@ def lines_over_spreads(nominal: Shifted, spreads: Sequence[Shifted]) -> "Figure"
         error_axes.set_ylim(bottom=0.0)
         for axes in (error_axes, excess_axes):
             axes.set_xticks(
-                range(len(every)), ["nominal", *(_at(at_spread) for at_spread in spreads)]
+                range(len(every)), ["nominal", *(at_spread.text for at_spread in spreads)]
             )
             axes.grid(axis="x", visible=False)
             axes.set_xlabel("wake speed, diffusivity and separation vary by")
@@ -77,16 +77,12 @@ def _limits(axes: "Axes", every: Sequence[Shifted]) -> None:
                     label=LIMITS[number])  # fmt: skip
 
 
-def _at(at_spread: Shifted) -> str:
-    return f"±{100 * at_spread.spread:.0f} %"
-
-
 def summary(nominal: Shifted, spreads: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
     """Millimetres and rank of each model at each spread; the last row tells how orders agree."""
     columns = [
         "predictor",
         "nominal [mm]",
-        *(f"±{100 * at_spread.spread:.0f} % [mm]" for at_spread in spreads),
+        *(f"{at_spread.text} [mm]" for at_spread in spreads),
     ]
     rows = []
     for number, line in enumerate(spreads[0].lines):
@@ -97,7 +93,7 @@ def summary(nominal: Shifted, spreads: Sequence[Shifted]) -> tuple[list[str], li
             cells.append(f"{1e3 * value:.2f}" + (f" ({rank})" if number >= len(LIMITS) else ""))
         rows.append(cells)
     orders = [agreement(spreads[0], at_spread).text for at_spread in (nominal, *spreads)]
-    rows.append([f"Kendall's τ with ±{100 * spreads[0].spread:.0f} % [90 %]", *orders])
+    rows.append([f"Kendall's τ with {spreads[0].text} [90 %]", *orders])
     return columns, rows
 
 

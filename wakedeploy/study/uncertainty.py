@@ -5,7 +5,7 @@ together: a group of episodes where the set states groups, else an episode, and 
 there is but one of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,14 @@ class R2:
         if self.low is None or self.high is None:
             return f"{self.value:.3f}"
         return f"{self.value:.3f} [{self.low:.3f}, {self.high:.3f}]"
+
+
+def spread(values: Sequence[float], form: str) -> str:
+    """Mean ± standard deviation over seeds."""
+    mean = format(float(np.mean(values)), form)
+    if len(values) < 2:
+        return mean
+    return f"{mean} ± {format(float(np.std(values, ddof=1)), '.1g')}"
 
 
 def interval(of: Callable[[FloatArray], FloatArray], units: int) -> tuple[float, float] | None:

@@ -14,7 +14,7 @@ from wakedeploy.study.colours import looks
 from wakedeploy.study.domains import MEMORYLESS, SOURCE_ONLY, ZERO
 from wakedeploy.study.folder import Part
 from wakedeploy.study.runs import choice
-from wakedeploy.study.uncertainty import R2
+from wakedeploy.study.uncertainty import R2, spread
 from wakedeploy.study.window import (
     WHOLE,
     Seen,
@@ -222,11 +222,3 @@ def _kept(point: Seen) -> list[str]:
     what = {"state": "state", "window": "history"}.get(point.memory, "present")
     past = "whole" if point.samples is None else f"{point.past_s:.3g}"
     return [past, "–" if point.samples is None else f"{point.samples}", what, f"{point.bytes:,}"]
-
-
-def spread(values: Sequence[float], form: str) -> str:
-    """Mean ± standard deviation over seeds."""
-    mean = format(float(np.mean(values)), form)
-    if len(values) < 2:
-        return mean
-    return f"{mean} ± {format(float(np.std(values, ddof=1)), '.1g')}"

@@ -43,7 +43,6 @@ def test_no_sentence_for_the_rig_s_own_flight_and_a_score_only_in_the_air(flight
     said = []
     watch, scores = watched(flight, tell=said.append)
     assert said == []
-    assert watch.report.times_left == 0
     assert 0.0 < watch.report.worst < 1.0
     told = [row for row, score in zip(flight, scores, strict=True) if score is not None]
     assert {row["mode"] for row in told} == {"RUNNING"}
@@ -154,7 +153,6 @@ def test_an_excursion_is_told_once_and_so_is_the_way_back(flight, monkeypatch):
     for at, score in enumerate((0.2, 1.1, 1.4, 0.9, 1.2, 0.7, 0.3)):
         watch._note(score, "a reason", float(at))
     assert [("no longer" in one, "again" in one) for one in said] == [(True, False), (False, True)]
-    assert watch.report.times_left == 1
     assert watch.report.worst == 1.4
 
 

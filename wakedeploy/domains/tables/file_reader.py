@@ -163,7 +163,7 @@ class FileReader:
         numbers = {n: self._numbers(self.wanted[n], p, raw) for n, p in places.items()}
         for name, place in places.items():
             self._require_length(place, numbers[name], seconds[_clock_key(place)])
-        for cut in self._cuts(places, seconds):
+        for cut in self._cuts(seconds):
             lines = {
                 key: self._timeline(key, places, numbers, stamps[cut], cut.start or 0)
                 for key, stamps in seconds.items()
@@ -228,9 +228,7 @@ class FileReader:
         self.notes += [f"{place.log.path}{called}: {note}" for note in notes]
         return line
 
-    def _cuts(
-        self, places: Mapping[str, Place], seconds: Mapping[tuple[int, str], Vector]
-    ) -> list[slice]:
+    def _cuts(self, seconds: Mapping[tuple[int, str], Vector]) -> list[slice]:
         if self.columns.time.falling != "split":
             return [slice(None)]
         if len(seconds) > 1:

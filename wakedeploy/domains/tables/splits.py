@@ -104,7 +104,7 @@ def _drawn(paths: Sequence[Path], splits: Sequence[str], columns: Columns) -> di
     if held_out == "time" or (held_out is None and len(paths) < len(splits)):
         return {}
     if len(paths) < len(splits):
-        raise _too_few(paths, splits, columns)
+        raise _too_few(paths, splits)
     if len(splits) == len(SPLITS):
         names = split_in_order([str(path) for path in paths])
         return {path: names[str(path)] for path in paths}
@@ -112,7 +112,7 @@ def _drawn(paths: Sequence[Path], splits: Sequence[str], columns: Columns) -> di
     return {p: splits[i >= len(paths) - held] for i, p in enumerate(paths)}
 
 
-def _too_few(paths: Sequence[Path], splits: Sequence[str], columns: Columns) -> UnusableInput:
+def _too_few(paths: Sequence[Path], splits: Sequence[str]) -> UnusableInput:
     named = [f"training.{s}" for s in SPLITS if s not in splits]
     rest = f" that {' and '.join(named)} does not name" if named else ""
     there = "there is 1" if len(paths) == 1 else f"there are {len(paths)}"

@@ -18,6 +18,7 @@ from wakedeploy.gap.evidence.fits import (
     Score,
     Slopes,
     bounds_of,
+    densities,
     log_prior,
     neutral,
     prior_precision,
@@ -90,14 +91,13 @@ class Ascent:
             slopes, theta = self._renewed(slopes, tried, scores, gained), tried
             if self._is_fresh:
                 self._learn(*before, slopes, theta)
-        per_episode = np.array([s.log_density.sum() for s in slopes.scores])
         return Fit(
             self._hypothesis,
             self._free,
             self._episodes,
             theta,
             slopes,
-            per_episode,
+            densities(slopes.scores),
             converged=converged,
         )
 

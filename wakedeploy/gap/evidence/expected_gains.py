@@ -9,7 +9,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Model, Score, extended
+from wakedeploy.gap.evidence.fits import (
+    Fit,
+    FloatArray,
+    Free,
+    Model,
+    Score,
+    extended,
+    own_parameters,
+    own_places,
+)
 from wakedeploy.gap.evidence.ranking import BENT_NATS, BENT_SD
 
 _NO_SLOPE_NATS = 1e-9
@@ -45,7 +54,7 @@ def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: floa
     kept = []
     for name, promised in zip(names, promises(model, base, names), strict=True):
         free = model.free((*base.hypothesis, name))
-        parameters = [f for f in free if f.name.startswith(f"{name}.")]
+        parameters = own_parameters(free, name)
         moves, is_jagged = {f.quantity for f in parameters}, any(f.scanned for f in parameters)
         if promised > least_nats or promised < _NO_SLOPE_NATS or moves & bent or is_jagged:
             kept.append(name)
@@ -57,7 +66,7 @@ def _promise(model: Model, base: Fit, name: str, held: FloatArray, rest: FloatAr
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
     theta = extended(base, free)
-    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = own_places(free, name)
     columns = [_direction(model, base, hypothesis, theta, free, i) for i in places]
     span = np.stack(columns, axis=1)
     span = span - held @ (held.T @ span)

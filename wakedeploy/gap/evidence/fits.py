@@ -71,6 +71,21 @@ class Score:
         return np.asarray(self.innovation / np.sqrt(self.variance) * np.sqrt(self.weight))
 
 
+def own_places(free: Sequence[Free], effect: str) -> list[int]:
+    """Where an effect's own parameters stand."""
+    return [i for i, f in enumerate(free) if f.name.startswith(f"{effect}.")]
+
+
+def own_parameters(free: Sequence[Free], effect: str) -> list[Free]:
+    """An effect's own parameters."""
+    return [free[i] for i in own_places(free, effect)]
+
+
+def densities(scores: Sequence[Score]) -> FloatArray:
+    """The log likelihood of each episode, (E,) nats."""
+    return np.array([s.log_density.sum() for s in scores])
+
+
 class Model(Protocol):
     """What a domain provides: parameters of a hypothesis, and how likely an episode is."""
 
@@ -133,6 +148,9 @@ class Slopes:
                 for each in zip(self.scores, self.innovation, self.variance, strict=True)
             ]
         )
+
+
+NO_SLOPES = Slopes((), (), ())  # of a point that is yet to be scored, or whose slopes none asks
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from wakedeploy.gap.evidence.fits import (
     Model,
     Slopes,
     bounds_of,
+    densities,
     neutral,
     prior_precision,
     solved,
@@ -82,9 +83,8 @@ def applied(model: Model, fitted: Fit, episodes: Sequence[int] | None = None) ->
     """A fit's hypothesis and parameters on episodes of `model` (default: all), fitted to none."""
     episodes = tuple(range(model.episodes) if episodes is None else episodes)
     scores = tuple(model.score(fitted.hypothesis, fitted.theta, e) for e in episodes)
-    density = np.array([s.log_density.sum() for s in scores])
     slopes = Slopes(scores, (), ())
-    return Fit(fitted.hypothesis, fitted.free, episodes, fitted.theta, slopes, density)
+    return Fit(fitted.hypothesis, fitted.free, episodes, fitted.theta, slopes, densities(scores))
 
 
 def held_out(base: Fit, larger: Fit) -> FloatArray:
@@ -107,6 +107,11 @@ def held_out(base: Fit, larger: Fit) -> FloatArray:
     if len(larger.episodes) < 2:
         return seen - len(places)
     return seen - _flattery(larger, places)
+
+
+def gain_over(base: Fit, larger: Fit) -> float:
+    """What a larger hypothesis gains on episodes held out, priors included [nats]."""
+    return float(held_out(base, larger).sum()) + larger.log_prior - base.log_prior
 
 
 def _flattery(fitted: Fit, places: Sequence[int]) -> FloatArray:

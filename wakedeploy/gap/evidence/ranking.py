@@ -12,7 +12,16 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.ascent import slopes_at
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Model, Slopes
+from wakedeploy.gap.evidence.fits import (
+    Fit,
+    FloatArray,
+    Free,
+    Hypothesis,
+    Model,
+    Slopes,
+    own_parameters,
+    own_places,
+)
 from wakedeploy.gap.evidence.inference import fit, held_out
 from wakedeploy.gap.evidence.starts import (
     APART,
@@ -161,13 +170,13 @@ def candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
 
 def _looked(fitted: Fit, name: str) -> float:
     """The logarithm of how many summits an effect's parameters were scanned for [nats]."""
-    parameters = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    parameters = own_parameters(fitted.free, name)
     return sum(math.log(max(len(f.scanned) / _SIZES_APIECE, 1.0)) for f in parameters)
 
 
 def _cost(model: Model, base: Fit, name: str) -> int:
     """About how long the rough fit of a candidate takes, in scanned sizes."""
-    parameters = [f for f in model.free((*base.hypothesis, name)) if f.name.startswith(f"{name}.")]
+    parameters = own_parameters(model.free((*base.hypothesis, name)), name)
     return _ROUGH_SIZES + sum(len(f.scanned) for f in parameters)
 
 
@@ -184,7 +193,7 @@ def _rough(model: Model, base: Fit, name: str, scans: Scans) -> Fit:
     """The candidate fitted from several starts, mostly with the base's slopes for the rest."""
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
-    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = own_places(free, name)
     if not places:
         raise ValueError(f"{name!r} has no parameters")
     fits, least = list[Fit](), -np.inf
@@ -256,13 +265,13 @@ def _from_calibration(
 
 def _summits(fitted: Fit, name: str) -> int:
     """From how many sizes an effect is climbed: one that states many starts has many summits."""
-    starts = max(len(f.starts) for f in fitted.free if f.name.startswith(f"{name}."))
+    starts = max(len(f.starts) for f in own_parameters(fitted.free, name))
     return 1 if starts <= _FEW_STARTS else _SIZES_RELEASED
 
 
 def _moves(fitted: Fit, name: str) -> set[str]:
     """The constants that an effect's parameters are, replace or add to."""
-    return {f.quantity or f.adds_to for f in fitted.free if f.name.startswith(f"{name}.")} - {""}
+    return {f.quantity or f.adds_to for f in own_parameters(fitted.free, name)} - {""}
 
 
 def _carried_over(

@@ -21,6 +21,7 @@ from wakedeploy.gap.evidence.fits import (
     Model,
     Slopes,
     extended,
+    own_places,
     prior_precision,
     scores_of,
 )
@@ -162,7 +163,7 @@ class _Target:
     def of(cls, model: Model, base: Fit, name: str, size: Sequence[float] | None) -> "_Target":
         hypothesis = (*base.hypothesis, name)
         free = model.free(hypothesis)
-        parameters = tuple(i for i, f in enumerate(free) if f.name.startswith(f"{name}."))
+        parameters = tuple(own_places(free, name))
         places = {f.quantity: i for i, f in enumerate(base.free) if f.quantity}
         claimed = tuple(places[free[i].quantity] for i in parameters if free[i].quantity in places)
         neutral = extended(base, free)
@@ -373,9 +374,8 @@ def information(
     theta = extended(base, free)
     calibrated = {f.quantity: i for i, f in enumerate(base.free) if f.quantity}
     columns = []
-    for i, f in enumerate(free):
-        if not f.name.startswith(f"{name}."):
-            continue
+    for i in own_places(free, name):
+        f = free[i]
         if f.quantity in calibrated:
             columns.append(beside.known[:, calibrated[f.quantity]])
             continue

@@ -11,7 +11,15 @@ from typing import Protocol
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Model, extended
+from wakedeploy.gap.evidence.fits import (
+    Fit,
+    FloatArray,
+    Free,
+    Hypothesis,
+    Model,
+    extended,
+    own_places,
+)
 
 GLANCED_AT = 2  # flights are enough to choose a start, and to come near a summit
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
@@ -116,7 +124,7 @@ def unbent_sizes(
     there, and a climb from outliers goes nowhere.
     """
     free = model.free(hypothesis)
-    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = own_places(free, name)
     plain = extended(base, free)
     for i, f in enumerate(free):
         if f.quantity:

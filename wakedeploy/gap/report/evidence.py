@@ -43,6 +43,7 @@ from wakedeploy.gap.wording import (
     counted,
     listed,
     measured,
+    minus,
     probability,
     quantity,
     spoken,
@@ -109,7 +110,7 @@ def leading_sentences(summary: Summary) -> list[str]:
 
 
 def _nats(gain: float) -> str:
-    return f"{gain:.{0 if abs(gain) >= 10.0 else 1}f}".replace("-", "−")
+    return minus(f"{gain:.{0 if abs(gain) >= 10.0 else 1}f}")
 
 
 def _by_chance(leading: Leading) -> str:

@@ -8,7 +8,7 @@ import math
 from wakedeploy.gap.report.phrases import plain
 from wakedeploy.gap.search.artefacts import Forecast
 from wakedeploy.gap.systems.gantry.findings import Answer, Effect, Expression, Half, Worth
-from wakedeploy.gap.wording import halves_said, listed, nats, percent, quantity, span
+from wakedeploy.gap.wording import halves_said, listed, minus, nats, percent, quantity, span
 
 _NEAR, _FAR = "0.25 s ahead", "1 s ahead"
 _LEAST_N = 0.0005  # below it, it is an error of a reading
@@ -64,7 +64,7 @@ def removed_words(worth: Worth | None) -> str:
     if not known:
         return "not measured"
     most = max(known)
-    return f"{100 * most:.1f} %".replace("-", "−") if abs(most) < 0.1 else percent(most)
+    return minus(f"{100 * most:.1f} %") if abs(most) < 0.1 else percent(most)
 
 
 def share_of(worth: Worth | None, horizon: str) -> float:
@@ -163,7 +163,7 @@ def _with_interval(removed: Forecast) -> str:
 
 def _digits(share: float) -> str:
     size = 100.0 * share
-    return f"{size:.{1 if abs(size) < 10.0 else 0}f}".replace("-", "−")
+    return minus(f"{size:.{1 if abs(size) < 10.0 else 0}f}")
 
 
 def _by(effect: Effect) -> str:

@@ -4,7 +4,6 @@ In: a `Power`. Out: figures as PNG, and one self-contained HTML page.
 """
 
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.planning.power import EffectPower, Power
 from wakedeploy.gap.systems.gantry.planning.sensors import SENSORS
 from wakedeploy.gap.systems.gantry.planning.tracking import CONTROLLER
-from wakedeploy.gap.wording import minus, quantity
+from wakedeploy.gap.wording import listed, minus, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,7 +85,7 @@ def sentences(power: Power) -> list[str]:
         f"found but left in a class, and {count['too small']} are too small to be sure of."
     ]
     for group in power.classes:
-        members = _listed([plain(name) for name in group])
+        members = listed([plain(name) for name in group])
         sentences.append(f"Together in a class: {members}.")
     bought = power.purchase
     if bought is None:
@@ -95,7 +94,7 @@ def sentences(power: Power) -> list[str]:
         sensor, gained = bought
         sentences.append(
             f"The sensor that helps most is the {sensor.name} ({sensor.description}, about "
-            f"{sensor.euros:.0f} €): it names {_listed(gained)} as well. The search does not "
+            f"{sensor.euros:.0f} €): it names {listed(gained)} as well. The search does not "
             "read it yet: what it reads is for you to hold against the class."
         )
     costly = max(power.effects, key=lambda e: e.cost_mm if e.cost_mm is not None else np.inf)
@@ -128,7 +127,7 @@ def rows(power: Power) -> list[list[str]]:
             _amount(e.size, e.unit),
             _amount(e.detectable, e.unit),
             _amount(e.nameable, e.unit),
-            _MEANING[e.verdict] if e.verdict != "class" else f"class with {_listed(e.rivals)}",
+            _MEANING[e.verdict] if e.verdict != "class" else f"class with {listed(e.rivals)}",
             "never" if e.minutes is None else f"{e.minutes:.1f}",
             _advice(e),
             "fails" if e.cost_mm is None else minus(f"{e.cost_mm:+.1f}"),
@@ -164,10 +163,6 @@ def _amount(value: float | None, unit: str) -> str:
         return "never"
     text = minus(f"{value:.2g}")
     return text if unit == "1" else f"{text} {unit}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def draw_sensors(power: Power) -> "Figure":

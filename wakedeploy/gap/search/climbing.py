@@ -11,10 +11,13 @@ import numpy as np
 
 from wakedeploy.gap.evidence.ascent import top_within
 from wakedeploy.gap.evidence.fits import (
+    NO_SLOPES,
     Fit,
     FloatArray,
     Score,
     Slopes,
+    bounds_of,
+    densities,
     log_prior,
     neutral,
     prior_precision,
@@ -92,7 +95,12 @@ def climbed(model: Comparison, start: Fit) -> Fit:
 def begun(model: Comparison, hypothesis: tuple[str, ...], like: Fit, theta: FloatArray) -> Fit:
     """A point of a hypothesis, on the blocks of another fit; it has no slopes yet."""
     free = model.free(hypothesis)
-    return Fit(hypothesis, free, like.episodes, theta, Slopes((), (), ()), np.zeros(0))
+    return Fit(hypothesis, free, like.episodes, theta, NO_SLOPES, np.zeros(0))
+
+
+def height(fitted: Fit) -> float:
+    """How high a point is; one that has left the model is below all others [nats]."""
+    return float(np.nan_to_num(fitted.objective, nan=-np.inf))
 
 
 def advanced(model: Comparison, fitted: Fit) -> tuple[Fit, float]:
@@ -116,7 +124,7 @@ def _stepped(fitted: Fit, damping: float) -> FloatArray:
     """A step of Levenberg and Marquardt, within the bounds."""
     free, theta = fitted.free, fitted.theta
     precision = prior_precision(free)
-    low, high = (np.array([getattr(f, end) for f in free]) for end in ("low", "high"))
+    low, high = bounds_of(free)
     gradient = fitted.slopes.gradient().sum(0) - precision * (theta - neutral(free))
     curvature = fitted.slopes.fisher().sum(0) + np.diag(precision)
     curvature += damping * np.diag(np.diag(curvature))
@@ -151,6 +159,5 @@ def fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:
             dv[:, i] = (there[e].variance - score.variance) / size
         innovation.append(de)
         variance.append(dv)
-    density = np.array([s.log_density.sum() for s in here])
     slopes = Slopes(here, tuple(innovation), tuple(variance))
-    return replace(fitted, theta=theta, slopes=slopes, per_episode=density)
+    return replace(fitted, theta=theta, slopes=slopes, per_episode=densities(here))

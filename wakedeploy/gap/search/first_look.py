@@ -20,8 +20,11 @@ from wakedeploy.gap.evidence.fits import (
     Free,
     Score,
     Slopes,
+    bounds_of,
+    densities,
     extended,
     neutral,
+    own_places,
     prior_precision,
     scores_of,
 )
@@ -108,7 +111,7 @@ class _Plan:
     @classmethod
     def of(cls, model: Comparison, base: Fit, name: str) -> "_Plan":
         free = model.free((*base.hypothesis, name))
-        places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+        places = own_places(free, name)
         amplitudes = [i for i in places if free[i].neutral == 0.0] or places
         origin = extended(base, free)
         starts = starts_of(origin, free, places)
@@ -169,7 +172,7 @@ def _look(
     model: Comparison, ground: Ground, plan: _Plan, scores: Sequence[tuple[Score, ...]]
 ) -> Look:
     base, moved, count = ground.base, plan.moved, len(plan.amplitudes)
-    climb = _Climb(model, ground, plan.name, plan.free, plan.amplitudes)
+    climb = _Climb(ground, plan.name, plan.free, plan.amplitudes)
     columns = [
         _slopes(base, plan.free, scores[k : k + count], moved[k : k + count])
         for k in range(0, len(moved), count)
@@ -196,12 +199,7 @@ class _Climb:
     """Steps of a candidate's amplitudes, the base's parameters following."""
 
     def __init__(
-        self,
-        model: Comparison,
-        ground: Ground,
-        name: str,
-        free: tuple[Free, ...],
-        amplitudes: Sequence[int],
+        self, ground: Ground, name: str, free: tuple[Free, ...], amplitudes: Sequence[int]
     ) -> None:
         self._ground, self._free, self._amplitudes = ground, free, list(amplitudes)
         self._hypothesis = (*ground.base.hypothesis, name)
@@ -217,8 +215,8 @@ class _Climb:
         amplitudes = [self._free[i] for i in self._amplitudes]
         curvature = span.T @ span + np.diag(prior_precision(amplitudes))
         amount = np.linalg.lstsq(curvature, pull, rcond=1e-10)[0]
-        low, high = np.array([f.low for f in amplitudes]), np.array([f.high for f in amplitudes])
-        amount = np.clip(seed[self._amplitudes] + amount, low, high) - seed[self._amplitudes]
+        there = seed[self._amplitudes] + amount
+        amount = np.clip(there, *bounds_of(amplitudes)) - seed[self._amplitudes]
         step = np.zeros(len(self._free))
         step[self._amplitudes] = amount
         step[self._shared] = -(self._ground.followed(columns) @ amount)[self._theirs]
@@ -226,16 +224,13 @@ class _Climb:
 
     def within(self, theta: FloatArray) -> FloatArray:
         """A point moved to within the bounds."""
-        low, high = np.array([f.low for f in self._free]), np.array([f.high for f in self._free])
-        return np.asarray(np.clip(theta, low, high))
+        return np.asarray(np.clip(theta, *bounds_of(self._free)))
 
     def at(self, theta: FloatArray, scores: tuple[Score, ...], slopes: Slopes) -> Fit:
         """A point with its scores; slopes of where the step began stand for those there."""
-        density = np.array([s.log_density.sum() for s in scores])
         rescored = Slopes(scores, slopes.innovation, slopes.variance)
-        return Fit(
-            self._hypothesis, self._free, self._ground.base.episodes, theta, rescored, density
-        )
+        episodes, density = self._ground.base.episodes, densities(scores)
+        return Fit(self._hypothesis, self._free, episodes, theta, rescored, density)
 
 
 def _seeds(

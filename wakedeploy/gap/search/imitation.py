@@ -9,7 +9,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Slopes, extended, log_prior
+from wakedeploy.gap.evidence.fits import (
+    NO_SLOPES,
+    Fit,
+    FloatArray,
+    Free,
+    densities,
+    extended,
+    log_prior,
+    own_places,
+)
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import raced
 from wakedeploy.gap.search.comparison import Comparison
@@ -61,21 +70,19 @@ def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dic
         points[name] = _points(best, frees[name], name)
     begun = {}
     for name, scores in together(model, base, best, points):
-        density = [np.array([s.log_density.sum() for s in each]) for each in scores]
+        density = [densities(each) for each in scores]
         objectives = [float(d.sum()) + log_prior(frees[name], theta)
                 for d, theta in zip(density, points[name], strict=True)]  # fmt: skip
         k = int(np.argmax(np.nan_to_num(objectives, nan=-np.inf)))
-        hypothesis, nothing = (*base.hypothesis, name), Slopes((), (), ())
-        begun[name] = Fit(
-            hypothesis, frees[name], base.episodes, points[name][k], nothing, density[k]
-        )
+        hypothesis, theta = (*base.hypothesis, name), points[name][k]
+        begun[name] = Fit(hypothesis, frees[name], base.episodes, theta, NO_SLOPES, density[k])
     return begun
 
 
 def _points(best: Fit, free: Sequence[Free], name: str) -> list[FloatArray]:
     """A candidate at its starts, and as late as the best one is, where both are delays."""
     origin = extended(best, free)
-    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = own_places(free, name)
     points = starts_of(origin, free, places)
     late = [v for f, v in zip(best.free, best.theta, strict=True) if _is_delay(f, best)]
     for i in places:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Map, Place
-from wakedeploy.gap.wording import signs
+from wakedeploy.gap.wording import minus, signs
 
 IntArray = npt.NDArray[np.int64]
 Orders = npt.NDArray[np.int32]
@@ -341,13 +341,12 @@ def _words(m: Map, low: float, high: float, residual: float, first: bool, last: 
     else:
         where = f"{m.coordinate} {_short(low)} to {_short(high)}{unit}"
     size = f"{1e3 * residual:+.1f} mm" if m.unit == "m" else f"{residual:+.2g} {m.unit}"
-    size = size.replace("-", "−")  # a minus sign, as in the report's own numbers
-    return f"{where}: {size} ({m.channel}), q = {m.q_value:.3f}"
+    return f"{where}: {minus(size)} ({m.channel}), q = {m.q_value:.3f}"
 
 
 def _short(value: float) -> str:
     """Three digits, and never a power of ten: 0.0941, 1714."""
-    return (f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}").replace("-", "−")
+    return minus(f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}")
 
 
 def forbids_none(places: Sequence[Place]) -> bool:

@@ -11,15 +11,13 @@ In: the outcome of a search. Out: what each half leads with, at which size, and 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Slopes, scores_of
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, FloatArray, densities, scores_of
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Half, Lead, Repeated, Round
-from wakedeploy.gap.search.climbing import raced
+from wakedeploy.gap.search.climbing import height, raced
 from wakedeploy.gap.search.comparison import Comparison, searched_on, theta_from
 from wakedeploy.gap.search.first_look import Ground, looks
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, Named, verdict_of
@@ -146,7 +144,7 @@ class _Asked:
         order = sorted(looks(model, ground, names), key=lambda seen: -seen.prospect(base))
         further = [seen.name for seen in order if seen.name not in wanted][:PROMISING]
         chosen = [seen for seen in order if seen.name in {*wanted, *further}]
-        fits = {seen.name: self._start(base, seen.name, seen.fit) for seen in chosen}
+        fits = {seen.name: self._start(seen.name, seen.fit) for seen in chosen}
         prospects = {s.name: max(s.promised, _gained(base, fits[s.name])) for s in chosen}
         least = max(RULES.least_nats, WORTH * max(prospects.values()))
         able = [n for n in fits if n == self.found or prospects[n] > least]
@@ -158,12 +156,12 @@ class _Asked:
         hypothesis, episodes, slopes = raced_fit.hypothesis, raced_fit.episodes, raced_fit.slopes
         return fit(self.model, hypothesis, episodes, raced_fit.theta, slopes)
 
-    def _start(self, base: Fit, name: str, seen: Fit) -> Fit:
+    def _start(self, name: str, seen: Fit) -> Fit:
         """Where a first look came to, or where the whole search has it, if that is higher here."""
         if name not in (self.found, *self.rivals) or name not in self.known:
             return seen
         theta = theta_from(self.model, seen.hypothesis, self.whole, self.known[name])
-        return max(seen, _scored(self.model, seen, theta), key=_height)
+        return max(seen, _scored(self.model, seen, theta), key=height)
 
     def _leading(self, ranked: Sequence[Candidate]) -> Candidate:
         """What was found or a member of its class, where the half does not tell it from the best.
@@ -196,13 +194,8 @@ def _round_of(rounds: Sequence[Round], found: str) -> Round:
 def _scored(model: Comparison, like: Fit, theta: FloatArray) -> Fit:
     """Another point of a fit's hypothesis, on its episodes; it has no slopes yet."""
     scores = scores_of(model, like.hypothesis, theta[None], like.episodes)[0]
-    density = np.array([s.log_density.sum() for s in scores])
-    return Fit(like.hypothesis, like.free, like.episodes, theta, Slopes((), (), ()), density)
+    return Fit(like.hypothesis, like.free, like.episodes, theta, NO_SLOPES, densities(scores))
 
 
 def _gained(base: Fit, fitted: Fit) -> float:
-    return _height(fitted) - base.objective
-
-
-def _height(fitted: Fit) -> float:
-    return float(np.nan_to_num(fitted.objective, nan=-np.inf))
+    return height(fitted) - base.objective

@@ -11,10 +11,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Score, Slopes, scores_of
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, densities, own_places, scores_of
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.progress import StepsDone, uncounted
-from wakedeploy.gap.search.climbing import advanced, fresh
+from wakedeploy.gap.search.climbing import advanced, fresh, height
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.first_look import starts_of
 from wakedeploy.gap.search.starting_constants import points_around
@@ -35,13 +35,13 @@ def begun_anew(
         return {}
     running = {}
     for done, name in enumerate(names, 1):
-        points = sorted(_scored(model, name, base.episodes), key=_height)[-_POINTS:]
-        running[name] = max((_climbed(model, p, _STEPS) for p in points), key=_height)
+        points = sorted(_scored(model, name, base.episodes), key=height)[-_POINTS:]
+        running[name] = max((_climbed(model, p, _STEPS) for p in points), key=height)
         steps(done, len(names))
-    first = sorted(running, key=lambda n: -_height(running[n]))[:_KEPT]
+    first = sorted(running, key=lambda n: -height(running[n]))[:_KEPT]
     running = {n: _climbed(model, running[n], _FURTHER) for n in first}
     ends = {}
-    for name in sorted(running, key=lambda n: -_height(running[n]))[:_ENDED]:
+    for name in sorted(running, key=lambda n: -height(running[n]))[:_ENDED]:
         ends[name] = settled(model, fit(model, (name,), base.episodes, running[name].theta))[0]
     return {n: f for n, f in ends.items() if f.objective > base.objective}
 
@@ -62,20 +62,16 @@ def bettered(model: Comparison, base: Fit, others: Iterable[Fit]) -> Fit:
 
 def _scored(model: Comparison, name: str, episodes: tuple[int, ...]) -> list[Fit]:
     """A candidate at each of its starts, at points where a system may begin."""
-    hypothesis, nothing = (name,), Slopes((), (), ())
+    hypothesis = (name,)
     free = model.free(hypothesis)
-    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = own_places(free, name)
     around = points_around(model, hypothesis)
     points = [start for point in around for start in starts_of(point, free, places)]
     scores = scores_of(model, hypothesis, np.array(points), episodes)
     return [
-        Fit(hypothesis, free, episodes, theta, nothing, _densities(each))
+        Fit(hypothesis, free, episodes, theta, NO_SLOPES, densities(each))
         for theta, each in zip(points, scores, strict=True)
     ]
-
-
-def _densities(scores: Sequence[Score]) -> FloatArray:
-    return np.array([s.log_density.sum() for s in scores])
 
 
 def _climbed(model: Comparison, fitted: Fit, count: int) -> Fit:
@@ -87,7 +83,3 @@ def _climbed(model: Comparison, fitted: Fit, count: int) -> Fit:
         if rise == 0.0:
             break
     return fitted
-
-
-def _height(fitted: Fit) -> float:
-    return float(np.nan_to_num(fitted.objective, nan=-np.inf))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, own_parameters
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison
@@ -81,7 +81,7 @@ def is_nothing(fitted: Fit, name: str) -> bool:
 
 def sizes_of(fitted: Fit, name: str) -> list[Free]:
     """The parameters that are 0 without the effect; all of one that has none."""
-    parameters = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    parameters = own_parameters(fitted.free, name)
     return [f for f in parameters if f.neutral == 0.0] or parameters
 
 

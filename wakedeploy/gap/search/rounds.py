@@ -14,7 +14,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, own_places
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress
@@ -361,7 +361,7 @@ def _with_chosen(
 
 def _note(effect: Candidate, base: Fit) -> str:
     """What a fit shows of itself: that nothing moves, or that it ends at a bound."""
-    places = [i for i, f in enumerate(effect.fit.free) if f.name.startswith(f"{effect.name}.")]
+    places = own_places(effect.fit.free, effect.name)
     moved = max(float(np.abs(s[:, places]).max()) for s in effect.fit.slopes.innovation)
     if moved == 0.0:
         return "moves no output"

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, own_parameters
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import StepsDone, uncounted
@@ -76,7 +76,7 @@ def _highest(model: Comparison, base: Fit, fitted: Fit) -> Fit:
     period of a hold explains no more than a wrong one. So they race each other.
     """
     starts = []
-    for free, _ in _parameters_of_last(fitted):
+    for free in _parameters_of_last(fitted):
         for size in np.clip(free.scanned, free.low, free.high):
             theta = sized(base, fitted, fitted.theta)
             theta[fitted.names.index(free.name)] = size
@@ -105,11 +105,12 @@ def _lookalikes(
         return {}
     best = max(ends, key=lambda n: ends[n].objective)
     lead = next(seen for seen in order if seen.name == best)
-    late = next((v for f, v in _parameters_of_last(ends[best]) if f.unit == "s"), None)
+    times = [f.name for f in _parameters_of_last(ends[best]) if f.unit == "s"]
+    late = ends[best].value(times[0]) if times else None
     alike = []
     for seen in order:
         known = seen.name in ends
-        is_late = late is not None and any(f.unit == "s" for f, _ in _parameters_of_last(seen.fit))
+        is_late = late is not None and any(f.unit == "s" for f in _parameters_of_last(seen.fit))
         is_twin = is_late and seen.name.partition("@")[2] == best.partition("@")[2]
         if seen is lead or not (is_twin or (seen.promised > 0.0 and (is_late or not known))):
             continue
@@ -127,19 +128,15 @@ def _lookalikes(
     }
 
 
-def _parameters_of_last(fitted: Fit) -> list[tuple[Free, float]]:
-    """The parameters of the effect that a fit added last, with their values."""
-    prefix = f"{fitted.hypothesis[-1]}."
-    named = zip(fitted.free, fitted.theta, strict=True)
-    return [(f, float(v)) for f, v in named if f.name.startswith(prefix)]
+def _parameters_of_last(fitted: Fit) -> list[Free]:
+    """The parameters of the effect that a fit added last."""
+    return own_parameters(fitted.free, fitted.hypothesis[-1])
 
 
 def _at(fitted: Fit, late_s: float) -> FloatArray:
     """A candidate's point with its times at `late_s` [s]."""
     times = {
-        f.name: np.clip(late_s, f.low, f.high)
-        for f, _ in _parameters_of_last(fitted)
-        if f.unit == "s"
+        f.name: np.clip(late_s, f.low, f.high) for f in _parameters_of_last(fitted) if f.unit == "s"
     }
     return np.array([times.get(f.name, v) for f, v in zip(fitted.free, fitted.theta, strict=True)])
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import t as student_t
 from scipy.stats import wilcoxon
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Slopes
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, FloatArray
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import climbed
 from wakedeploy.gap.search.comparison import Comparison
@@ -39,8 +39,7 @@ def _is_excluded(model: Comparison, found: Fit, i: int, share: float) -> bool:
     value = share * float(found.theta[i])
     free, theta = list(found.free), found.theta.copy()
     free[i], theta[i] = replace(free[i], low=value, high=value), value
-    nothing = Slopes((), (), ())
-    held = climbed(model, replace(found, free=tuple(free), theta=theta, slopes=nothing))
+    held = climbed(model, replace(found, free=tuple(free), theta=theta, slopes=NO_SLOPES))
     lost, count = found.per_episode - held.per_episode, len(found.episodes)
     quantile = float(student_t.ppf(RULES.interval_quantile, max(count - 1, 1)))
     reach = quantile * float(np.std(lost, ddof=1)) * count**0.5 if count > 1 else np.inf

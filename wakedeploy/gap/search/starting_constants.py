@@ -10,8 +10,16 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import qmc
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Slopes, neutral, scores_of
-from wakedeploy.gap.search.climbing import raced
+from wakedeploy.gap.evidence.fits import (
+    NO_SLOPES,
+    Fit,
+    FloatArray,
+    Free,
+    densities,
+    neutral,
+    scores_of,
+)
+from wakedeploy.gap.search.climbing import height, raced
 from wakedeploy.gap.search.comparison import Comparison
 
 _TRIED, _RACED = 32, 3  # points, and how many of them are climbed
@@ -28,12 +36,10 @@ def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
     some = tuple(episodes)[:: _EVERY if len(episodes) > _EVERY else 1]
     scores = scores_of(model, (), points, some)
     fits = [
-        Fit(
-            (), free, some, theta, Slopes((), (), ()), np.array([s.log_density.sum() for s in each])
-        )
+        Fit((), free, some, theta, NO_SLOPES, densities(each))
         for theta, each in zip(points, scores, strict=True)
     ]
-    order = sorted(fits, key=lambda f: -np.nan_to_num(f.objective, nan=-np.inf))
+    order = sorted(fits, key=lambda f: -height(f))
     better = [f for f in order[:_RACED] if f.objective > fits[0].objective]
     if not better:
         return start

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.ascent import top_within
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, bounds_of, prior_precision
 from wakedeploy.gap.evidence.inference import applied
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, errors
@@ -99,7 +99,7 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
     gradient = fitted.slopes.gradient()[places].sum(0)
     fisher = fitted.slopes.fisher()
     rest = fisher.sum(0) - fisher[places].sum(0) + np.diag(prior_precision(fitted.free))
-    low, high = (np.array([getattr(f, end) for f in fitted.free]) for end in ("low", "high"))
+    low, high = bounds_of(fitted.free)
     stuck = (fitted.theta <= low) | (fitted.theta >= high)  # at its bound one follows no episode
     # Where a likelihood is jagged, its slope does not tell where other blocks would have a size.
     stuck |= np.array([bool(f.scanned) for f in fitted.free])

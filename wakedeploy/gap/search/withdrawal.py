@@ -6,7 +6,7 @@ be nothing, or that sealed blocks do not bear out.
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, prior_precision
+from wakedeploy.gap.evidence.fits import Fit, own_places, prior_precision
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.rules import RULES
@@ -69,7 +69,7 @@ def _without(model: Comparison, found: Fit, name: str) -> Fit:
 
 def _evident_by_size(found: Fit, name: str) -> float:
     """Nats by which an effect's parameters are away from nothing, all else following (Wald)."""
-    places = [i for i, f in enumerate(found.free) if f.name.startswith(f"{name}.")]
+    places = own_places(found.free, name)
     rest = [i for i in range(len(found.free)) if i not in places]
     total = found.slopes.fisher().sum(0) + np.diag(prior_precision(found.free))
     follow = np.linalg.lstsq(total[np.ix_(rest, rest)], total[np.ix_(rest, places)], rcond=1e-12)[0]

@@ -30,7 +30,7 @@ def rest_words(answer: Answer) -> str:
         return ""
     removes = whole_percent(rest.law.removes)
     return (
-        f" That is not all of it, or not its form: a law over {_over(rest.law)} on {rest.state} "
+        f" That is not all of it, or not its form: a law over {over(rest.law)} on {rest.state} "
         f"removes {removes} of the squared forecast error that is left."
     )
 
@@ -62,7 +62,7 @@ def _more_kinds(rest: Leftover) -> str:
         return ""
     return (
         f"Let the search try more: what is left on {rest.state} follows a law over "
-        f"{_over(rest.law)}, and {lacks}, and ask again."
+        f"{over(rest.law)}, and {lacks}, and ask again."
     )
 
 
@@ -92,12 +92,13 @@ def _term(push: Leftover) -> str:
     """What to write into the equations."""
     assert push.law is not None
     return (
-        f"Write the term that is missing: what acts on {push.state} follows {_over(push.law)}, "
+        f"Write the term that is missing: what acts on {push.state} follows {over(push.law)}, "
         f"which the rate of {push.state} in your equations does not have, or not so."
     )
 
 
-def _over(law: Law) -> str:
+def over(law: Law) -> str:
+    """What a law is over, in words."""
     return f"{law.coordinate} and the direction of motion" if law.by_direction else law.coordinate
 
 

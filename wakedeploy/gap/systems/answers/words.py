@@ -18,7 +18,7 @@ from wakedeploy.gap.search.artefacts import (
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
-from wakedeploy.gap.systems.answers.advice import more_than_named, rest_words, unknown_step
+from wakedeploy.gap.systems.answers.advice import more_than_named, over, rest_words, unknown_step
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words, told_otherwise
 from wakedeploy.gap.systems.answers.halves import repeated_answer, repeated_sentences
 from wakedeploy.gap.systems.answers.importance import (
@@ -293,11 +293,10 @@ def _lawful(push: Leftover) -> str:
             "No law over one coordinate is evident in it, nor over one and the direction; "
             "a disturbance acts so."
         )
-    over = f"{law.coordinate} and the direction of motion" if law.by_direction else law.coordinate
     if law.removes <= 0.0:
-        return f"A law over {over} is evident, but forecasts get no better by it."
+        return f"A law over {over(law)} is evident, but forecasts get no better by it."
     removed = Forecast(share=law.removes, low=law.low, high=law.high)
-    what = f"A law over {over} is evident, and removes {removed_words(removed)}"
+    what = f"A law over {over(law)} is evident, and removes {removed_words(removed)}"
     return f"{what} of the squared forecast error where it was not fitted."
 
 

@@ -32,7 +32,7 @@ def cost_of(model: GantryModel, fitted: Fit, part: Sequence[str]) -> Cost:
     changes = changes_of(model, fitted, part)
     squares = np.concatenate([change**2 for change in changes])
     errors = np.array([_rms(tracking_error(model.rig, change)) for change in changes])
-    low, high = _ends(errors**2)
+    low, high = mean_ends(errors**2)
     middle = float(np.sqrt(np.mean(errors**2)))
     return Cost(float(np.sqrt(squares.mean())), middle, float(low**0.5), float(high**0.5))
 
@@ -82,7 +82,7 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _ends(squares: FloatArray) -> tuple[float, float]:
+def mean_ends(squares: FloatArray) -> tuple[float, float]:
     """Student's 90 % interval of a mean square, over flights."""
     if len(squares) < 2:
         return 0.0, np.inf

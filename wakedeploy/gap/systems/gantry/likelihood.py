@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.fits import Fit, Free, Hypothesis, Score, Slopes, neutral
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, Free, Hypothesis, Score, neutral
 from wakedeploy.gap.systems.gantry.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.systems.gantry.forces import Forces, Physics
 from wakedeploy.gap.systems.gantry.parameters import HOLD, NOISE, Layout, own_effects
@@ -175,7 +175,7 @@ class GantryModel:
         """One flight with these constants and effects; of `theta` only the noise counts."""
         flight = self.flights[episode]
         forces = self._physics[episode].forces(constants, effects)
-        samples = self._filter(flight, forces, constants, theta, _NO_HORIZON, False)[0]
+        samples = self._filter(flight, forces, theta, _NO_HORIZON, False)[0]
         e, v, density, weight = samples[:, flight.counted]
         density, weight = _with_repeats(density, weight, flight, forces.held)
         rest_e = flight.rest[:, 0] - self._physics[episode].at_rest(constants, effects)
@@ -207,7 +207,7 @@ class GantryModel:
         constants, effects = self._read(fitted, episode)
         forces = self._physics[episode].forces(constants, effects)
         steps = np.array([round(h / DT_S) for h in horizons_s], np.int64)
-        _, ahead, _, _ = self._filter(flight, forces, constants, fitted.theta, steps, False)
+        _, ahead, _, _ = self._filter(flight, forces, fitted.theta, steps, False)
         noise = _reading_noise(flight, fitted.theta, self.rig)
         return _compared(flight, forces, steps, ahead, noise)
 
@@ -225,7 +225,7 @@ class GantryModel:
             physics, airborne = known, _airborne(flight)
             for _ in range(_MOST_MOTIONS):
                 forces = physics.forces(constants, effects)
-                change = self._smooth(flight, forces, constants, fitted.theta) - flight.nominal
+                change = self._smooth(flight, forces, fitted.theta) - flight.nominal
                 flight = replace(flight, nominal=flight.nominal + _SHARE * change)
                 if float(np.sqrt(np.mean(change[1, airborne] ** 2))) < _STILL_MPS:
                     break
@@ -252,8 +252,7 @@ class GantryModel:
     def neutral(self) -> Fit:
         """The rig file as it is, fitted to nothing: all parameters at their priors' centres."""
         free = self.free(())
-        nowhere = Slopes((), (), ())
-        return Fit((), free, tuple(range(self.episodes)), neutral(free), nowhere, np.zeros(0))
+        return Fit((), free, tuple(range(self.episodes)), neutral(free), NO_SLOPES, np.zeros(0))
 
     def only(self, episodes: Sequence[int]) -> "GantryModel":
         """The model of some of the flights."""
@@ -285,7 +284,6 @@ class GantryModel:
         self,
         flight: Flight,
         forces: Forces,
-        constants: Constants,
         theta: FloatArray,
         horizons: np.typing.NDArray[np.int64],
         remember: bool,
@@ -311,12 +309,8 @@ class GantryModel:
             remember,
         )
 
-    def _smooth(
-        self, flight: Flight, forces: Forces, constants: Constants, theta: FloatArray
-    ) -> FloatArray:
-        _, _, states, covariances = self._filter(
-            flight, forces, constants, theta, _NO_HORIZON, True
-        )
+    def _smooth(self, flight: Flight, forces: Forces, theta: FloatArray) -> FloatArray:
+        _, _, states, covariances = self._filter(flight, forces, theta, _NO_HORIZON, True)
         gain, keep, white = _disturbance(forces, theta)
         path = smoothed(
             DT_S,

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.signal import lfilter
 
-from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters
+from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters, pace
 from wakedeploy.physics.kalman import limited_rate, slack
 
 _LJUNG = "Ljung, System Identification, 1999"
@@ -112,7 +112,7 @@ class Lag(InputKind):
         self, own_states: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
         """Towards 0."""
-        return (-own_states[0] * _pace(p["tau_s"], dt_s, discrete),)
+        return (-own_states[0] * pace(p["tau_s"], dt_s, discrete, least_s=dt_s),)
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
         """As far as the command goes in the time that follows, as it may have gone before."""
@@ -397,12 +397,6 @@ def _swinging(damping: FloatArray | float, along: FloatArray) -> tuple[FloatArra
     root = np.sqrt(np.asarray(damping, dtype=complex) ** 2 - 1.0 + 1e-9)  # not 0 at damping 1
     ahead, behind = np.exp((root - damping) * along), np.exp((-root - damping) * along)
     return np.real(0.5 * (ahead + behind)), np.real(0.5 * (ahead - behind) / root)
-
-
-def _pace(tau_s: FloatArray, dt_s: float, discrete: bool) -> FloatArray:
-    """Share of a state that a second takes away; of a time below a sample it is gone after one."""
-    tau_s = np.maximum(tau_s, dt_s)
-    return np.asarray(-np.expm1(-dt_s / tau_s) / dt_s if discrete else 1.0 / tau_s)
 
 
 def _moved(column: FloatArray, samples: float) -> float:

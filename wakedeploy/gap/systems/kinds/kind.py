@@ -111,6 +111,15 @@ class Kind:
     needs: ClassVar[tuple[str, ...]] = ()
 
 
+def pace(tau_s: FloatArray, dt_s: float, discrete: bool, least_s: float) -> FloatArray:
+    """Share of what a state is away from its value that goes in a second.
+
+    A time constant counts as `least_s` at least.
+    """
+    tau_s = np.maximum(tau_s, least_s)
+    return np.asarray(-np.expm1(-dt_s / tau_s) / dt_s if discrete else 1.0 / tau_s)
+
+
 def _power(unit: str, exponent: int) -> str:
     """A unit to a power; (m/s)² and not m/s², which is another."""
     if exponent == 1 or unit == "1":

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters
+from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters, pace
 
 _OF_OUTPUT = {"output": 1}
 _SENSORS = "Fraden, Handbook of Modern Sensors, 2016"
@@ -204,7 +204,7 @@ class SensorLag(OutputKind):
         discrete: bool,
     ) -> tuple[FloatArray, ...]:
         """Towards the value."""
-        return ((value - own_states[0]) * _pace(p["tau_s"], dt_s, discrete),)
+        return ((value - own_states[0]) * pace(p["tau_s"], dt_s, discrete, _SHORTEST_S),)
 
     def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
         """The mean of the response over a step."""
@@ -246,7 +246,7 @@ class SensorDeadTime(OutputKind):
         discrete: bool,
     ) -> tuple[FloatArray, ...]:
         """Towards the value, within half the delay."""
-        return ((value - own_states[0]) * _pace(0.5 * p["delay_s"], dt_s, discrete),)
+        return ((value - own_states[0]) * pace(0.5 * p["delay_s"], dt_s, discrete, _SHORTEST_S),)
 
     def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
         """The part of a step that is left once the delay is over."""
@@ -292,12 +292,6 @@ class ConstantDrift(ConstantKind):
 
 
 _SHORTEST_S = 1e-5
-
-
-def _pace(tau_s: FloatArray, dt_s: float, discrete: bool) -> FloatArray:
-    """Share of what a state is away from its value that goes in a second."""
-    tau_s = np.maximum(tau_s, _SHORTEST_S)
-    return np.asarray(-np.expm1(-dt_s / tau_s) / dt_s if discrete else 1.0 / tau_s)
 
 
 OUTPUT_KINDS = (

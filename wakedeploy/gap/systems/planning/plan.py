@@ -17,7 +17,7 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.ascent import slopes_at
-from wakedeploy.gap.evidence.fits import Fit, FloatArray
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, bounds_of, densities
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.likelihood.logs import LogModel
@@ -222,12 +222,11 @@ def _at_base(model: LogModel, base: Fit, columns: Mapping[str, FloatArray]) -> t
     known = dict(zip(base.names, base.theta, strict=True))
     alike = {f.name for f in free if not f.is_form and not f.name.startswith("form.")}
     theta = np.array([known.get(f.name, f.neutral) if f.name in alike else f.neutral for f in free])
-    theta = np.clip(theta, [f.low for f in free], [f.high for f in free])
+    theta = np.clip(theta, *bounds_of(free))
     used = tuple(range(other.episodes))
     slopes = slopes_at(other, base.hypothesis, used, theta)
-    per_block = np.array([s.log_density.sum() for s in slopes.scores])
     return other, replace(base, free=free, episodes=used, theta=theta, slopes=slopes,
-                          per_episode=per_block)  # fmt: skip
+                          per_episode=densities(slopes.scores))  # fmt: skip
 
 
 def _losses(model: LogModel, base: Fit, sizes: Mapping[str, Sequence[float]]) -> Losses:

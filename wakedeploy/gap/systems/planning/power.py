@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended, own_places
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import RULES, surely_nats
 from wakedeploy.gap.systems.likelihood.logs import LogModel
@@ -135,7 +135,7 @@ def _mattering(responses: Responses, name: str, first: FloatArray) -> float:
     model, base = responses.model, responses.base
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
-    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = own_places(free, name)
     far = int(np.argmin(np.abs(GRID - 0.03)))
     there = extended(base, free)
     there[places] = responses.scaled(name, first, GRID)[0, far]

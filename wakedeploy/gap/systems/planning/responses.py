@@ -15,6 +15,7 @@ from wakedeploy.gap.evidence.fits import (
     FloatArray,
     Score,
     extended,
+    own_places,
     prior_precision,
     scores_of,
 )
@@ -54,7 +55,7 @@ class Responses:
         """What is left of the changes at parameters (K, p): (K, 2n + nuisances)."""
         base, hypothesis = self.base, (*self.base.hypothesis, name)
         free = self.model.free(hypothesis)
-        places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+        places = own_places(free, name)
         thetas = np.tile(extended(base, free), (len(points) + 1, 1))  # the last is without it
         thetas[:-1, places] = points
         *moved, without = scores_of(self.model, hypothesis, thetas, base.episodes)

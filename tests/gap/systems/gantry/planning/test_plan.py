@@ -15,7 +15,7 @@ from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.findings import Ranked, Round, Size
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.planning.manoeuvres import manoeuvre
+from wakedeploy.gap.systems.gantry.planning.manoeuvres import menu
 from wakedeploy.gap.systems.gantry.planning.plan import (
     make_plan,
     plausible_size,
@@ -138,7 +138,8 @@ def test_nothing_missing_crosses_the_threshold_once_in_twenty(evidence) -> None:
 
 
 def some(*names):
-    return [manoeuvre(name) for name in names]
+    by_name = {each.name: each for each in menu()}
+    return [by_name[name] for name in names]
 
 
 @pytest.mark.slow

@@ -59,11 +59,6 @@ def menu() -> tuple[Manoeuvre, ...]:
     )  # fmt: skip
 
 
-def manoeuvre(name: str) -> Manoeuvre:
-    """The entry of this name; KeyError for another."""
-    return {each.name: each for each in menu()}[name]
-
-
 def _hover_heights(rig: Rig) -> FlightPlan:
     return _heights(rig, _SOURCE)
 

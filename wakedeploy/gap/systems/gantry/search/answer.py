@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, told_by_data
+from wakedeploy.gap.evidence.fits import Fit, own_parameters, told_by_data
 from wakedeploy.gap.evidence.separation import gather, loss_nats
 from wakedeploy.gap.search.artefacts import Quantity, White
 from wakedeploy.gap.systems.gantry.artefacts import Name
@@ -147,7 +147,7 @@ def unsettled(answer: Answer) -> list[str]:
 
 def _unmoved(fitted: Fit, effect: str) -> bool:
     """Whether all of an effect's parameters stand exactly where they are neutral."""
-    parameters = [f for f in fitted.free if f.name.startswith(f"{effect}.")]
+    parameters = own_parameters(fitted.free, effect)
     return all(abs(fitted.value(f.name) - f.neutral) < 1e-9 * f.prior_sd for f in parameters)
 
 

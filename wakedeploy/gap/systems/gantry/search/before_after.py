@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.fits import Fit, Hypothesis, Slopes
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, Hypothesis, Slopes
 from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
 from wakedeploy.gap.few_flights import cannot_tell
@@ -22,6 +21,7 @@ from wakedeploy.gap.search.artefacts import Place, White, WhitePair
 from wakedeploy.gap.search.places import Residuals, bin_means, block_length, blocks_of
 from wakedeploy.gap.systems.gantry import artefacts
 from wakedeploy.gap.systems.gantry.artefacts import Profile, Show, Traces
+from wakedeploy.gap.systems.gantry.effect_force import mean_ends
 from wakedeploy.gap.systems.gantry.findings import Bent, Gap, Placebo
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
@@ -192,12 +192,8 @@ def _rms(blocks: Sequence[FloatArray]) -> float:
 
 def _rms_interval(blocks: Sequence[FloatArray]) -> tuple[float, float]:
     """Student's 90 % interval of the mean square, from blocks."""
-    squares = np.array([float((b**2).mean()) for b in blocks])
-    if len(squares) < 2:
-        return 0.0, float("inf")
-    reach = student_t.ppf(0.95, len(squares) - 1) * squares.std(ddof=1) / len(squares) ** 0.5
-    low, high = squares.mean() - reach, squares.mean() + reach
-    return float(np.sqrt(max(low, 0.0))), float(np.sqrt(high))
+    low, high = mean_ends(np.array([float((b**2).mean()) for b in blocks]))
+    return float(np.sqrt(low)), float(np.sqrt(high))
 
 
 def _expected(shown: Shown, horizon_s: float) -> float:
@@ -239,7 +235,7 @@ def _line(model: GantryModel, base: Fit) -> GantryModel:
     known = dict(zip(base.names, base.theta, strict=True))
     free = bare.free(())
     theta = np.array([known.get(f.name, f.neutral) for f in free])
-    plain = Fit((), free, (), theta, Slopes((), (), ()), np.zeros(0))
+    plain = Fit((), free, (), theta, NO_SLOPES, np.zeros(0))
     return GantryModel(model.rig, bare.around_own_motion(plain).flights, model.extra)
 
 

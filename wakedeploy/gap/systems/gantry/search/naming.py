@@ -12,8 +12,8 @@ from dataclasses import replace
 
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.expected_gains import worth_trying
-from wakedeploy.gap.evidence.fits import Fit, Hypothesis
-from wakedeploy.gap.evidence.inference import fit, held_out
+from wakedeploy.gap.evidence.fits import Fit, Hypothesis, own_parameters
+from wakedeploy.gap.evidence.inference import fit, gain_over
 from wakedeploy.gap.evidence.ranking import LEDGE_NATS, Candidate, candidate, rank_fairly
 from wakedeploy.gap.evidence.starts import Scans, scanned_starts
 from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
@@ -249,7 +249,7 @@ class _Search:
 
 def may_be_nothing(fitted: Fit, name: str, level: float = 0.9) -> bool:
     """Whether every parameter's interval reaches to where the effect changes nothing."""
-    parameters = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    parameters = own_parameters(fitted.free, name)
     ends = [(fitted.interval(f.name, level), f.neutral) for f in parameters]
     return all(low <= neutral <= high for (low, high), neutral in ends)
 
@@ -354,11 +354,6 @@ def _pair_instead(
     if gain_nats < least or any(may_be_nothing(fitted, name) for name in fitted.hypothesis):
         return None
     return model, fitted
-
-
-def gain_over(base: Fit, current: Fit) -> float:
-    """What a hypothesis gains over the base on flights held out, priors included [nats]."""
-    return float(held_out(base, current).sum()) + current.log_prior - base.log_prior
 
 
 def _verdict(

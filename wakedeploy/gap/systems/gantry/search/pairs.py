@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.fits import Fit, extended
-from wakedeploy.gap.evidence.inference import fit, held_out
+from wakedeploy.gap.evidence.inference import fit, gain_over
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
@@ -39,7 +39,7 @@ def best_pair(
         return None
     _, best = max(found.values(), key=lambda pair: pair[0])
     near, fitted = refitted(model, best)
-    return near, fitted, float(held_out(base, fitted).sum()) + fitted.log_prior - base.log_prior
+    return near, fitted, gain_over(base, fitted)
 
 
 def _fitted(model: GantryModel, first: Fit, second: str) -> Fit:

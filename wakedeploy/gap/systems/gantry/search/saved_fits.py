@@ -15,7 +15,7 @@ from wakedeploy.core.archive import Arrays, read_archive
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import write_bytes_whole
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.fits import Fit, Hypothesis, Slopes
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, Hypothesis
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
@@ -130,5 +130,5 @@ def _fit(model: GantryModel, hypothesis: Hypothesis, theta: FloatArray) -> Fit:
     free = model.free(hypothesis)
     if len(free) != len(theta):
         raise ValueError(f"{len(theta)} parameters for {len(free)}")
-    nowhere = Slopes((), (), ())  # parameters are what is kept; scores follow from them
-    return Fit(hypothesis, free, tuple(range(model.episodes)), theta, nowhere, np.zeros(0))
+    # Parameters are what is kept; scores follow from them.
+    return Fit(hypothesis, free, tuple(range(model.episodes)), theta, NO_SLOPES, np.zeros(0))
