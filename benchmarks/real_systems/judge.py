@@ -46,7 +46,7 @@ def answers(answer: Answer) -> set[str]:
 
 
 def agreement(first: Answer, second: Answer) -> str:
-    """Of two halves: "same" names, some names in common, or "differ"."""
+    """How two halves agree: "same" names, "in part" with some in common, or "differ"."""
     first_names, second_names = answers(first), answers(second)
     if first_names == second_names:
         return "same"

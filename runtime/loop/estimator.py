@@ -286,7 +286,7 @@ def _least_off_m(seen: Estimate) -> float:
 
 
 def _rejects(seen: Estimate, range_m: float) -> tuple[float, float, float]:
-    """Of the rejected readings with this one: first, last, path [m]."""
+    """First, last and path [m] of the rejected readings, this one included."""
     first_m, last_m, path_m = seen.rejects if seen.rejected else (range_m, range_m, 0.0)
     return first_m, range_m, path_m + abs(range_m - last_m)
 

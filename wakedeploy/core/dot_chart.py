@@ -70,12 +70,12 @@ class DotChart:
 
     @property
     def y_bottom(self) -> int:
-        """Of the axis."""
+        """Where the axis ends at the bottom [px]."""
         return self.y_top + _ROW * len(self.dots)
 
     @property
     def height(self) -> int:
-        """Of the drawing."""
+        """The height of the drawing [px]."""
         return self.y_bottom + _BOTTOM
 
     @property

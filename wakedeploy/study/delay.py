@@ -267,7 +267,7 @@ def by_run(lines: Sequence[Learned]) -> list[list[Learned]]:
 
 
 def best(lines: Sequence[Learned]) -> list[Learned]:
-    """Of each setting and seed the start that does best on validation."""
+    """The start of each setting and seed that does best on validation."""
     return [min(starts, key=lambda line: line.validation) for starts in by_run(lines)]
 
 

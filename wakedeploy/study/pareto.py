@@ -59,7 +59,7 @@ class Point:
 
     @property
     def step_p99_ms(self) -> float:
-        """Of the quietest round: what else runs makes a step slower, never faster."""
+        """The 99th percentile of the quietest round: other programs only make a step slower."""
         return min(self.steps_p99_ms)
 
     def as_json(self) -> dict[str, Any]:

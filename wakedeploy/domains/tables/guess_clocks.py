@@ -40,7 +40,7 @@ def _even(
 
 
 def _clock_of(name: str, seen: Values, clocks: Sequence[Timing]) -> Timing:
-    """Of the clocks that are as long as a column, that of its group, or with most of its words.
+    """A column's clock: of those as long as it, that of its group or with most of its words.
 
     Where none is nearer the first one stays.
     """

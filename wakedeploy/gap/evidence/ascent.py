@@ -182,12 +182,12 @@ class Ascent:
             self._lacking += both + both.T - (rest @ step) * np.outer(bend, bend) / along**2
 
     def _gradient(self, slopes: Slopes, theta: FloatArray) -> FloatArray:
-        """Of the log posterior, (p,)."""
+        """The gradient of the log posterior, (p,)."""
         gradient = slopes.gradient().sum(0) - self._precision * (theta - self._centre)
         return np.asarray(gradient)
 
     def _information(self, slopes: Slopes) -> FloatArray:
-        """Of all episodes and the prior, (p, p)."""
+        """The information of all episodes and the prior, (p, p)."""
         return np.asarray(slopes.fisher().sum(0) + np.diag(self._precision))
 
     def _objective(self, scores: Sequence[Score], theta: FloatArray) -> float:

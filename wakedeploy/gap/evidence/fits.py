@@ -117,7 +117,7 @@ class Slopes:
     variance: tuple[FloatArray, ...]  # (n, p) each
 
     def gradient(self) -> FloatArray:
-        """Of the log likelihood, per episode, (E, p)."""
+        """The gradient of each episode's log likelihood, (E, p)."""
         return np.array(
             [
                 _gradient(*each)
@@ -216,7 +216,7 @@ class Fit:
         return value - reach, value + reach
 
     def _variances(self, name: str) -> tuple[float, float]:
-        """Of an estimate, from the curvature and from the spread between episodes (0 for one)."""
+        """An estimate's variance by curvature, and by the spread between episodes (0 for one)."""
         gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
         at = self._index(name)
         low, high = bounds_of(self.free)
@@ -230,8 +230,8 @@ class Fit:
         curvature = float(inverse @ unit)
         if count < 2:
             return curvature, 0.0
-        # An episode's pull on the estimate is weighed without its own information: so many
-        # parameters bend to each of so few episodes that its gradient tells too little of it.
+        # An episode's pull on the estimate is weighed without its own information: many parameters
+        # bend to each of a few episodes, so that its gradient shows too little of the pull.
         pulls = [
             solved(total - information, unit) @ g
             for g, information in zip(gradient, fisher, strict=True)

@@ -156,11 +156,11 @@ def _scanned(
     keep: int,
     glances: Sequence[tuple[int, int, float]] = (),
 ) -> list[FloatArray]:
-    """Of the sizes that a parameter asks to be looked at, the likeliest, as starts.
+    """The likeliest of the sizes that a parameter asks to be looked at, as starts.
 
-    All are looked at on the first episodes, as many as `glances` say, and what is likely there on
-    all. No two are nearer than a few per cent: the sizes around one summit would crowd the others
-    out.
+    All are looked at on the first episodes, as many as `glances` say, and those that are likely
+    there on all. No two are nearer than a few per cent: the sizes around one summit would crowd the
+    others out.
     """
     density = dict.fromkeys(free.scanned, 0.0)
     seen = 0

@@ -52,10 +52,11 @@ class Whiteness:
         return self.freedom + excess
 
     def limit(self, of_reference: float | None = None) -> float:
-        """What the statistic may be with so many samples, if it may be `of_reference` with others.
+        """The largest statistic that still passes; `of_reference` is that for REFERENCE_SAMPLES.
 
-        The statistic of white noise does not depend on their number; what a model leaves in any
-        case, friction's fine structure, say, grows in proportion to it. None asks for white noise.
+        The statistic of white noise does not depend on the number of samples; what a model always
+        leaves (friction's fine structure, say) grows with it. Without `of_reference` the limit is
+        that of white noise.
         """
         of_white_noise = float(chi2.ppf(RULES.white_quantile, self.freedom))
         if of_reference is None:
@@ -68,7 +69,7 @@ class Whiteness:
         return self.statistic <= self.limit(of_reference)
 
     def as_json(self, of_reference: float | None = None) -> dict[str, Any]:
-        """As the artefacts hold it, with the limit for so many samples."""
+        """As the artefacts hold it, with the limit for this number of samples."""
         content: dict[str, Any] = {
             "p_value": self.p_value,
             "statistic": self.statistic,
@@ -83,9 +84,9 @@ class Whiteness:
 
 
 def whiteness(fitted: Fit) -> Whiteness:
-    """Of the innovations that a fit leaves, all episodes together, channel by channel.
+    """The whiteness of the innovations that a fit leaves: per channel, all episodes together.
 
-    Samples that were not measured or not looked at are none: the next one follows the last.
+    A sample that was not measured or not looked at is left out; the lags pass over it.
     """
     scores = [_seen(score) for score in fitted.slopes.scores]
     rows, statistic = [], 0.0

@@ -54,7 +54,7 @@ class Comparison(Model, Protocol):
 
     @property
     def name(self) -> str:
-        """Of the system."""
+        """The system's name."""
         ...
 
     @property

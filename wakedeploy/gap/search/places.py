@@ -361,6 +361,6 @@ def forbids_none(places: Sequence[Place]) -> bool:
 
 
 def _mean_square(values: FloatArray) -> float:
-    """Of finite values; 0 for none."""
+    """The mean square of the finite values; 0 for none."""
     finite = values[np.isfinite(values)]
     return float((finite**2).mean()) if len(finite) else 0.0

@@ -164,7 +164,7 @@ def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
 
 
 def _sizes(model: Comparison, found: Fit, rounds: Sequence[Round]) -> Sizes:
-    """Of what was found; wider where the innovations are not white."""
+    """The sizes of what was found; their intervals are wider where innovations are not white."""
     plain = least_squares(model, found)
     sizes = parameters(model, found, found.hypothesis, plain)
     if plain is None:

@@ -50,7 +50,7 @@ def rivals_with(best: Candidate, other: Candidate) -> bool:
 
 
 def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
-    """Of candidates that blocks do not tell apart, those that forecasts do not either.
+    """The candidates that forecasts cannot tell apart either, of those that blocks cannot.
 
     Stretches are compared in pairs with those of the one that forecasts best.
     """

@@ -134,9 +134,9 @@ def stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
 
 
 def weight_of(was: FloatArray, now: FloatArray) -> Weight:
-    """Of squared errors of stretches, (stretches, channels), without and with an effect.
+    """The share that an effect removes; `was` and `now` are squared errors (stretches, channels).
 
-    Those that run away count no more than some; see `_cap` for those that count in full.
+    A stretch that runs away counts for `_cap` at most.
     """
     if not np.all(np.isfinite(now)):
         return Weight(-1.0, -1.0, -1.0)

@@ -152,7 +152,7 @@ class Profile(PlainProfile):
 
 
 class SpectrumPair(Part):
-    """Of the rig file as it is, and with what was found."""
+    """The spectra with the rig file as it is, and with what was found."""
 
     before: Spectrum
     after: Spectrum

@@ -83,7 +83,7 @@ class Case:
 
     @property
     def share(self) -> float:
-        """Of the flights, those that are not sealed."""
+        """The share of the flights that is not sealed."""
         return len(self.flights) / (len(self.flights) + len(self.sealed))
 
     @property

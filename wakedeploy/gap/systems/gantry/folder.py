@@ -95,7 +95,7 @@ class StepArtefacts:
 
     @property
     def _class_is_open(self) -> bool:
-        """Of a class nothing is in the rig file."""
+        """Whether a class is named and no member of it is in the rig file."""
         added = set() if self.add is None else {effect.name for effect in self.add.effects}
         members = [] if self.name is None else self.name.rivals
         return bool(members) and added.isdisjoint(members)

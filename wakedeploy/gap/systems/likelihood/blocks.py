@@ -121,7 +121,7 @@ def _log(system: System, recording: Recording) -> Log:
 
 
 def _readings(rows: FloatArray, every: int) -> FloatArray:
-    """Of each sample's rows up to its own, the newest reading that was measured."""
+    """Each sample's newest measured reading, of the rows since the sample before it."""
     before = np.full(every - 1, np.nan)
     each = np.concatenate([before, rows])[: len(rows)].reshape(-1, every)
     newest = every - 1 - np.argmax(np.isfinite(each[:, ::-1]), axis=1)

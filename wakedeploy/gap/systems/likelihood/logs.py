@@ -521,7 +521,7 @@ class LogModel(ComparisonDefaults):
 
 
 def _newest(read: FloatArray, before: FloatArray) -> FloatArray:
-    """Of readings (m, n) the newest measured at each sample; `before` (m, 1) the first."""
+    """The newest measured reading (m, n) at each sample; `before` (m, 1) until there is one."""
     at = np.where(np.isfinite(read), np.arange(read.shape[1]), -1)
     newest = np.maximum.accumulate(at, axis=1)
     known = np.take_along_axis(read, np.maximum(newest, 0), axis=1)

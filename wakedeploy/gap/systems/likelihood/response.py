@@ -152,7 +152,7 @@ class ResponseModel(ComparisonDefaults, abc.ABC):
 
 
 def covariance(noise: tuple[float, ...], time_s: FloatArray) -> FloatArray:
-    """Of coloured and white noise (n, n), given ln(sd), ln(time constant), ln(sd) of the white."""
+    """Covariance (n, n) of coloured and white noise, given ln of sd, time constant and white sd."""
     coloured, decay_s, white = np.exp(noise)
     apart_s = np.abs(time_s[:, None] - time_s[None, :])
     matrix = coloured**2 * np.exp(-apart_s / decay_s)

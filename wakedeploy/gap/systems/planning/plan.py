@@ -134,7 +134,7 @@ def _same_delay(model: LogModel, pair: Pair) -> bool:
 
 
 def _least(losses: Losses, alike: Sequence[Pair]) -> float:
-    """Of the pairs that some input tells apart; nothing where there are none such."""
+    """The fewest nats of a pair that some input tells apart; 0 without such a pair."""
     return min((nats for pair, nats in losses.items() if pair not in alike), default=0.0)
 
 

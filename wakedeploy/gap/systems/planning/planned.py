@@ -120,5 +120,5 @@ def planned(made: Plan, domain: str, key: str = "") -> Planned:
 
 
 def unplannable(names: list[str], domain: str, key: str = "") -> Planned:
-    """Of a system whose inputs nobody can command."""
+    """The plan for a system whose inputs nobody can command."""
     return Planned(domain=domain, key=key, rivals=names, can_command=False)

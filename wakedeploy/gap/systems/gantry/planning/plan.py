@@ -55,7 +55,7 @@ class Option:
 
     @property
     def worst_nats(self) -> float:
-        """Of the pair that is hardest to split."""
+        """The nats of the pair that is hardest to split."""
         return float(_pairs(self.loss).min())
 
     @property

@@ -140,7 +140,7 @@ class Power:
 
     @property
     def naming_rate(self) -> float:
-        """Of effects at one prior scale, how many will be named."""
+        """The share of effects at one prior scale that will be named."""
         return float(np.mean([e.named for e in self.effects]))
 
     @property

@@ -121,7 +121,7 @@ def bent(fitted: Fit) -> list[Bent]:
 
 
 def _closest(answer: Answer) -> str:
-    """Of an unknown, the known effect that gains most alone, if it gains enough; or ""."""
+    """For an unknown, the known effect that gains most alone, if it gains enough; or ""."""
     best = answer.rounds[0].ranking[0]
     leads = answer.verdict == "unknown" and best.gain_nats >= answer.rounds[0].least_nats
     return best.name if leads else ""

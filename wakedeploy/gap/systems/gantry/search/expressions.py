@@ -295,7 +295,7 @@ class _Search:
 
 
 def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce]) -> Candidate:
-    """Of the candidates that gain nearly as much as the best, the one with the fewest parts."""
+    """The candidate with the fewest parts among those that gain nearly as much as the best."""
     best = max(c.gain_nats for c in ranked)
     equal = [c for c in ranked if c.gain_nats > best - RULES.shorter_nats]
     return min(equal, key=lambda c: (len(list(nodes(terms[c.name].formula.root))), -c.gain_nats))

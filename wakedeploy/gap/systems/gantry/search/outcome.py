@@ -73,7 +73,7 @@ class Round:
 
     @property
     def near(self) -> tuple[Candidate, ...]:
-        """What it took (or else the best) and all that cannot be told from it, nor are worse."""
+        """The one taken (or else the best), and those that gain at most `near_nats` less."""
         taken = next((c for c in self.ranking if c.name == self.found), self.ranking[0])
         least = taken.gain_nats - self.near_nats
         others = (c for c in self.ranking if c is not taken and c.gain_nats > least)
@@ -112,5 +112,5 @@ class Answer:
 
     @property
     def members(self) -> tuple[str, ...]:
-        """Of the first class."""
+        """The members of the first class; () without one."""
         return self.classes[0] if self.classes else ()
