@@ -16,7 +16,7 @@ from trainers.model import SolvedModel, State, StateModel, WakeModel
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import PARAMETER_BUDGET
 
-CODE = 16  # numbers in which the core tells of the past
+CODE = 16  # numbers in which the core sums up the past
 _HIDDEN, _LAYERS = 64, 2
 
 

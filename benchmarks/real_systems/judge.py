@@ -13,7 +13,7 @@ def judged_left_out(case: Case, answer: Answer) -> str:
 
     "right" has an expected effect and nothing that the literature does not know; "partly" has one
     beside others; "class" leaves an expected one among at most three rivals; "wrong" has none;
-    "nothing" is said, or so many rivals that the answer is "unknown".
+    "nothing" names no effect, or so many rivals that the answer is "unknown".
     """
     names = answers(answer)
     if not names or answer["verdict"] == "unknown":

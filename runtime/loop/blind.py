@@ -33,8 +33,8 @@ _STILL_M = 0.025  # of height, which a sensor that shows no motion stays within
 _NEAR_M = 0.12  # below, a sensor may say the same for long, and a take-off may go unseen
 _SINKING_S = 0.3  # within which a sink that is seen takes its speed
 _RISE_SHARE, _RISE_WAKE = 1.35, 1.5  # weight and wake that a thrust must exceed to count as lifting
-# A sensor that says the very same so many times shows nothing at all: then a thrust counts that is
-# as far above the weight as calibration may leave the curve.
+# A sensor that says the very same this many times shows nothing. A thrust then counts as lifting
+# where it exceeds the weight by this factor: calibration may leave the curve as far off.
 _ALIKE, _SILENT_SHARE = 6, 1.08
 # So far it should have risen, or with such a sensor so fast it should be.
 UNSEEN_RISE_M, SILENT_RISE_MPS = 0.1, 0.25

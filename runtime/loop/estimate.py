@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-# A sensor with so much noise, or so many strays, is none. One stray in five is not many.
+# A sensor with more noise or strays than this cannot be flown by. One stray in five is not many.
 _TOO_MANY_STRAYS = 0.6
 _TOO_NOISY, _MANY_STRAYS = 60.0, 0.45  # together: some 8 times the rig file's noise
 _MERE_NOISE, _MERE_TICKS = 190.0, 20  # by itself: 14 times the noise, in most readings for long
@@ -21,7 +21,7 @@ class Measurement:
 
     The steps are as old as the newest answer; `steps_repeats` counts ticks without a new one.
     `same` counts samples in a row that say what the one before said, off the stop; `alike` counts
-    them there, too. `acts_known`: the board has told of the last commands in time.
+    them there, too. `acts_known`: the board has reported the last commands in time.
     """
 
     t_s: float
@@ -50,7 +50,7 @@ class Estimate:
     innovation_var_m2: float = math.nan
     off_m: float = math.inf  # the least that any sample was off, of those rejected in a row
     rejects: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of those: first, last, path [m]
-    jumped_m: float = 0.0  # the least, when the next is taken in because so many were rejected
+    jumped_m: float = 0.0  # `off_m`, when the next is taken in because too many were rejected
     surprise: float = 1.0  # mean of innovations' differences, squared, over what noise gives
     last_innovation_m: float = math.nan
     stale_s: float = 0.0  # since a new sample says the same again and again
@@ -62,8 +62,8 @@ class Estimate:
     wary_ticks: int = 0  # since a stray; with a second one nothing adds up for as long
     # Of the last readings, oldest first: when each was taken [s], what it said [m], its innovation.
     lately: tuple[tuple[float, float, float], ...] = ()
-    sudden_ticks: int = 0  # since they are noisier than a mean has told
-    # What it would be without the push that was told last, or the first reading after a pause.
+    sudden_ticks: int = 0  # since they are noisier than their mean has shown
+    # The estimate without the last reported push, or without the first reading after a pause.
     unpushed: "Estimate | None" = None
     unpushed_more: float = 0.0  # log likelihood of that over this, since then
     unpushed_ticks: int = 0

@@ -87,7 +87,7 @@ class Estimator:
         after = self._stepped(before, measured, pulses_us, wake_n)
         if before.unpushed is None or after.unpushed is not before.unpushed:
             return after
-        unaware = replace(measured, acts_known=False)  # where no push is told
+        unaware = replace(measured, acts_known=False)  # then no push is reported
         without = self._stepped(before.unpushed, unaware, pulses_us, wake_n)
         return judged(after, replace(without, unpushed=None))
 
@@ -233,7 +233,7 @@ class Estimator:
     def _noted(
         self, now: Estimate, measured: Measurement, taken_s: float, range_m: float, row: FloatArray
     ) -> tuple[Estimate, float]:
-        """The state with what the innovation tells of noise and pushes; the reading's variance."""
+        """The state with what the innovation says of noise and pushes; the reading's variance."""
         innovation_m = range_m - float((row @ now.height)[0])
         noise_var = self._range_var * now.noise_scale
         variance = _along(row, now.height_cov) + noise_var

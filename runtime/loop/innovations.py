@@ -14,8 +14,8 @@ from runtime.loop.estimate import Estimate
 _SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
 _SURPRISED, _CALM = 3.0, 1.2
 _NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
-# Half of the last seven innovations, and half of the readings' second differences, are off by so
-# many times the noise of the rig file: this is noise already, before a mean has told. No motion
+# Half of the last seven innovations, and half of the readings' second differences, are off by this
+# many times the noise of the rig file: this is noise already, before a mean shows it. No motion
 # bends so much from one reading to the next, and a stray leaves a median as it is.
 _SUDDEN_READINGS, SUDDEN_SD, _MEDIAN_SD = 7, 4.0, 1.4826
 # Innovations that add up to one side are a push that began a tenth of a second ago (Page 1954;
@@ -57,7 +57,7 @@ def set_apart(now: Estimate, without: Estimate) -> Estimate:
 
 
 def judged(pushed: Estimate, without: Estimate) -> Estimate:
-    """The filter that was told of a push, or the one `without`, if that foresees better."""
+    """The filter that takes in a push, or the one `without`, if that foresees better."""
     more, ticks = pushed.unpushed_more, pushed.unpushed_ticks + 1
     if math.isfinite(pushed.innovation_m + without.innovation_m):
         more += log_likelihood(without) - log_likelihood(pushed)

@@ -455,7 +455,7 @@ class Loop:
         )
 
     def _reported(self, reading: RangeReading, heard: Heard, prediction: Prediction) -> Row:
-        """What board and sensor told, for the log; a status is logged with its round trip once."""
+        """What board and sensor said, for the log; a status is logged once, with its round trip."""
         answer, status = heard.answer, heard.answer.status
         return {
             "force_pred_n": prediction.logged_n,

@@ -1,4 +1,4 @@
-"""What a run amounts to: counted while it lasts, in little memory, told at its end."""
+"""What a run amounts to: counted while it lasts, in little memory, reported at its end."""
 
 from __future__ import annotations  # array.array takes no type argument before Python 3.12
 

@@ -101,7 +101,7 @@ class WayDown:
     def reckon(
         self, state: PilotState, measured: Measurement, dt_s: float, *, believe: bool
     ) -> None:
-        """Follow a tick's estimate; with `believe` it also tells of thrust and wake."""
+        """Follow a tick's estimate; with `believe`, learn thrust and wake from it, too."""
         now = state.estimate
         self._trim.step(now, state.wake_n, self._source_us, believe=believe and now.rejected == 0)
         trusted = math.isfinite(now.innovation_m) and now.rejected == 0 and now.jumped_m == 0.0
@@ -192,7 +192,7 @@ class WayDown:
             off=is_off(state.estimate),
         )
         if before is Stage.TEST and now.stage is Stage.SINK and is_off(state.estimate):
-            # It left the stop in a test: something lifts that no flight before has told of.
+            # It left the stop in a test: something lifts that no flight before has shown.
             self._lifting_n = max(self._lifting_n, state.unexplained_n)
         if now.stage is Stage.STANDS:
             return None

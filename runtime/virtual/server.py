@@ -80,7 +80,7 @@ class FrameStamps:
         self._decoder = FrameDecoder()
 
     def of(self, data: bytes, now_s: float) -> Iterator[tuple[float, bytes]]:
-        """Bytes frame by frame, each with its time [s, monotonic]; `now_s` where none is told."""
+        """Bytes frame by frame, each with its time [s, monotonic]; `now_s` where none is known."""
         *whole, rest = data.split(b"\0")
         for piece in (*(piece + b"\0" for piece in whole), rest):
             if piece:

@@ -92,7 +92,7 @@ class _Run:
         self._sent_s = 0.0
 
     def stands(self, standing: Standing) -> None:
-        """Tell the epochs that are not told yet."""
+        """Report the epochs not reported yet."""
         self._open()
         for epoch, values in epochs(self._config, standing, self._epochs):
             self._say(values, epoch)
@@ -119,7 +119,7 @@ class _Run:
     def _open(self) -> None:
         if self._id:
             return
-        if mlflow.active_run() is not None:  # the one before, which could not be told its end
+        if mlflow.active_run() is not None:  # the one before, whose end could not be reported
             mlflow.end_run(_STATUS[FAILED])
         before = self._before()
         if before is None:

@@ -61,7 +61,7 @@ class Place:
         return self._url is None
 
     def open(self, on_lost: OnLost) -> BaseStorage:
-        """Connect; `on_lost` is told of trials of other machines whose heart no longer beats.
+        """Connect; `on_lost` gets the trials of other machines whose heart no longer beats.
 
         Raises UnusableInput for a database that cannot be reached and for a damaged journal.
         """

@@ -156,7 +156,7 @@ def _enqueue_again(study: optuna.Study, trial: FrozenTrial, marks: dict[str, Any
 
 
 def _point(trial: FrozenTrial) -> dict[str, Any]:
-    """What was drawn of a trial's point, or what it had been told."""
+    """A trial's point: what was drawn for it, and what was set before."""
     return {**_fixed_params(trial), **trial.params}
 
 

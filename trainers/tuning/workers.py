@@ -54,7 +54,7 @@ _LEAVE_S = 120.0  # an interrupted worker's time to record its trial, on a busy 
 
 @dataclass(frozen=True)
 class Work:
-    """What every worker is told; `trials` is how many are to be finished in all.
+    """What every worker gets; `trials` is how many are to be finished in all.
 
     With `give_up_elsewhere` what other machines are at when we begin counts as lost.
     """

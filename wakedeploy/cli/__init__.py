@@ -142,7 +142,7 @@ def _sentence(error: Exception) -> str:
 
 
 def _missing_library(error: Exception) -> str | None:
-    """The library outside this project whose absence the error tells of."""
+    """The library outside this project that the error says is missing."""
     name = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     return name if name not in ("", "wakedeploy", "trainers", "export", "runtime") else None
 

@@ -11,7 +11,7 @@ _SILENT_S = 2.0  # what takes no longer says nothing, and no two lines are neare
 _LINE_S = 60.0
 _LOOK_S = 0.5
 _AT_ONCE_S = 0.1  # what is done so soon was done before
-_KNOWN_S = 10.0  # of steps, before which nothing is known of the others; nor is less told as left
+_KNOWN_S = 10.0  # steps of less in all say nothing of the others; no less is shown as left
 
 
 class LogLines:

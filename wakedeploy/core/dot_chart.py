@@ -23,7 +23,7 @@ BLUE, ORANGE, GREEN, GREY = "of-0", "of-1", "of-2", "of-rest"  # the classes of 
 
 @dataclass(frozen=True)
 class Dot:
-    """A named value with its interval; what is NaN is not drawn. A pointer is told what it `says`.
+    """A named value with its interval; what is NaN is not drawn. A pointer reads what it `says`.
 
     `note` stands beside it; a marked one stands out.
     """

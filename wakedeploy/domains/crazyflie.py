@@ -74,7 +74,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
 
     `progress(done, total)` is called after each flight. The provenance has who flew by whom in each
     episode, which flight it is of (`groups`: both sufferers of one flight share its air), and which
-    channels tell of the sufferer's own motion.
+    channels show the sufferer's own motion.
     """
     files = _find(path)
     episodes, split, splits = list[Episode](), dict[str, str](), _split(files)

@@ -329,7 +329,7 @@ def _ways(seeds: Sequence[int], world: World, steps: int) -> tuple[FloatArray, F
 
     Each is a sum of three sines between the fastest rate and 2/7 of it. At 3.5 rad/s the source
     goes as far as the wake is wide while the wake sinks to the sufferer; the slower it goes, the
-    more the present tells of the force.
+    more the present says of the force.
     """
     time_s = np.arange(steps) * DT_S
     source, sufferer = (np.zeros((steps, len(seeds), 6)) for _ in range(2))

@@ -68,7 +68,7 @@ def import_set(
     (`observer_n`, (T, 3) [N], causal) and whether the thrust curve holds (`thrust_valid`, (T,)).
     `progress(done, total)` is called after each flight. The provenance has each episode's
     manoeuvre and course (`groups`), how many files and courses each split has, and which channels
-    tell of the sufferer's own motion.
+    show the sufferer's own motion.
     """
     flights = read_flights(path)
     courses = courses_of(flights)

@@ -35,7 +35,7 @@ _REPORT_POLICY = (
 
 
 class Flights:
-    """What the pages of a folder are told."""
+    """What the pages of a folder get."""
 
     def __init__(self, folder: Path, token: str) -> None:
         self.folder = folder

@@ -30,8 +30,8 @@ _ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, 
 # Steps keep slopes until they have gained so much together; those of the form, nearly linear, for
 # longer, and in any case while the climb is far away.
 _SETTLED_NATS, _FORM_SETTLED_NATS, _FAR_NATS = 2.0, 20.0, 200.0
-# A climb that slows to steps of so many nats is given up where it promises, times the optimism,
-# less than what it has to reach. Faster ones come from far away, where promises are too small.
+# A climb that slows to steps of this many nats is given up where its promise, times the optimism,
+# is less than it has to reach. Faster ones come from far away, where promises are too small.
 _SLOW_NATS, _OPTIMISM = 30.0, 3.0
 _SHORTER = 3  # steps that are scored beside one, in case it gains nothing
 
@@ -117,7 +117,7 @@ class Ascent:
         return self.slopes(theta, (slopes, due), scores)
 
     def _due(self, gained: float) -> Sequence[int]:
-        """The parameters whose slopes are renewed after a step that gains so many nats."""
+        """The parameters whose slopes are renewed after a step that gained this many nats."""
         if self._is_fresh:
             return range(len(self._free))
         if self._moving is not None:

@@ -1,4 +1,4 @@
-"""How much effects would gain, told from the slopes of a fit without fitting any of them.
+"""How much effects would gain, from the slopes of a fit, without fitting any of them.
 
 In: a model, a fit, names of effects that are linear in their parameters. Out: nats on the episodes
 of the fit, everything that is free readjusted: half the score statistic (Rao 1948).

@@ -27,10 +27,10 @@ class Free:
     parameters with the same `quantity` are the same thing under two names, as a calibrated constant
     and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
     `scanned` are sizes to look at before a climb, where a likelihood is jagged; `finest` and
-    `finest_share` (of the size) are the least standard error that may be told of it. `adds_to` is
+    `finest_share` (of the size) are the least standard error that may be stated. `adds_to` is
     the calibrated constant that a parameter moves without replacing it. `first` is where a first
     fit begins, if not at neutral: loud noise makes outliers of nothing. `is_form` says that it is
-    of the model's own shape: bent, it tells of no calibration.
+    of the model's own shape: bent, it speaks against no calibration.
     """
 
     name: str
@@ -279,7 +279,7 @@ def told_by_data(fitted: Fit, effect: str) -> Fit:
 
 
 def _information(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> FloatArray:
-    """What data tell of parameters (k, k), all else following, in units of what priors tell."""
+    """The data's information on parameters (k, k), all else following, in units of the priors'."""
     rest = [i for i in range(len(total)) if i not in own]
     follow = np.array([solved(total[np.ix_(rest, rest)], total[rest, i]) for i in own])
     left = total[np.ix_(own, own)] - total[np.ix_(own, rest)] @ follow.T

@@ -34,7 +34,7 @@ _MOST_OTHERS = 2
 _BETTERED_NATS = 0.5
 LEDGE_NATS = 3.0  # a base that is better by less is no other
 _MOST_RESETTLED = 3
-_ROUGH_SIZES = 10  # a rough fit costs what so many scanned sizes do
+_ROUGH_SIZES = 10  # a rough fit costs as much as this many scanned sizes
 _ROUGH_SHARE = 0.75  # of a ranking's time, before any effect is climbed again
 _WORTH_NATS = 4.0  # of a jagged effect's rough fit; below, no summit of it is climbed to the end
 _SUMMIT_NATS = 6.0  # behind the highest, roughly, a summit may yet be higher
@@ -51,7 +51,7 @@ class Candidate:
     gains: FloatArray  # (E,) nats, held out
     prior_gain: float = 0.0  # nats that the calibration no longer has to be bent
     fitted_gain: float = np.inf  # nats on the episodes of the fit, priors included
-    looked_nats: float = 0.0  # what the best of so many summits gains by chance
+    looked_nats: float = 0.0  # what the best of its summits gains by chance
 
     @property
     def gain_nats(self) -> float:

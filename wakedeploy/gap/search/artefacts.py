@@ -368,7 +368,7 @@ class Answer(Artefact):
         sealed_gain_nats: What was found gains so much on sealed episodes.
         placebo: What a wrong effect gains there.
         is_outdone: Whether the system's forecasts are no better than the last reading or the mean.
-        is_far_ahead: Whether it was asked to predict far ahead: the next reading told too little.
+        is_far_ahead: Whether it was asked to predict far ahead: the next reading said too little.
         found_theta: The fit with what was found.
         base_theta: The fit without, from which it was found. It is not always that of find.json:
             effects that are begun anew may show the way to a better one.

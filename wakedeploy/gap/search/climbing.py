@@ -53,12 +53,12 @@ def finished(
     fits: Sequence[Fit],
     ended: Callable[[int], None] = lambda count: None,
 ) -> dict[int, Fit]:
-    """Those that may be the best one, to the end, in place of what the race came to.
+    """The fits that may be the best one, climbed to the end, by their place in the race.
 
     A race ends where steps get short, and along a curved valley that is far below the summit: what
-    leads there need not lead at the end. Two more climbs begin where the effect has its size from
-    the race or from before it, and everything else is as in the base; most of such valleys can be
-    gone round. `ended` is told how many have been asked about.
+    leads there need not lead at the end. Two more climbs start with the effect's size from the race
+    or from before it, and all else as in the base; this goes round most such valleys. `ended` is
+    called with the number of fits decided on.
     """
     best = max((f.objective for f in fits), default=0.0) - base.objective
     reached = {}

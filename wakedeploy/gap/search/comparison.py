@@ -127,7 +127,7 @@ class Comparison(Model, Protocol):
         ...
 
     def groups(self, names: Sequence[str]) -> list[list[str]]:
-        """Effects that one run can tell of."""
+        """Effects in groups that one run can judge together."""
         ...
 
     def ports_alike(self, name: str) -> Sequence[str]:

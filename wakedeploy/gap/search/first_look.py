@@ -2,7 +2,7 @@
 
 In: a `Comparison`, a fit without the effect. Out: the score statistic (Rao, Math. Proc. Cambridge
 Philos. Soc. 44, 1948) from one pass over the logs, the best point that a Newton step from there
-reaches, and slopes from which a climb and the gain of chance are told.
+reaches, and slopes from which a climb and the gain of chance are estimated.
 
 An effect's amplitude is a parameter whose neutral value is 0: there the effect vanishes, whatever
 its shapes are, and the base's scores hold.

@@ -170,8 +170,8 @@ def _map(
 def _judged(strength: float, shuffled: FloatArray) -> tuple[float, float]:
     """The share of shuffles as strong, and by how many of their deviations it exceeds them.
 
-    Many p values are the least that so many shuffles can give; deviations still tell which of them
-    stands out the most, whatever the channel.
+    Many p values are the least that this number of shuffles can give; deviations still show which
+    of them stands out the most, whatever the channel.
     """
     beaten = int((shuffled >= strength * (1.0 - 1e-12)).sum())
     deviation = max(float(shuffled.std()), 1e-300)
@@ -227,7 +227,7 @@ def _everywhere(series: Sequence[Residuals], length: int, axes: Axes) -> Map:
 
 
 def blocks_of(series: Sequence[Residuals], length: int) -> list[IntArray]:
-    """Indices of blocks of so many samples, none across two flights."""
+    """Indices of blocks of `length` samples, none across two flights."""
     blocks, offset = [], 0
     for s in series:
         count = len(s.value)
@@ -240,7 +240,7 @@ def blocks_of(series: Sequence[Residuals], length: int) -> list[IntArray]:
 
 
 def _orders(counts: Sequence[int], length: int, rng: np.random.Generator) -> Orders:
-    """Indices (permutations, n) that shuffle blocks of so many samples within each flight.
+    """Indices (permutations, n) that shuffle blocks of `length` samples within each flight.
 
     A flight has few blocks; where they are cut is therefore drawn, too, on the flight bent into a
     ring, which breaks what belongs together only once more.

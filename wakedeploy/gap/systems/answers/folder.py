@@ -33,7 +33,7 @@ CORRECTION, PLAN = "correction.toml", "plan.json"
 
 
 class OwnFolder(Folder):
-    """The steps of a system and its logs; `exported` tells of further files that `add` wrote.
+    """The steps of a system and its logs; `exported` describes further files that `add` wrote.
 
     With `only`, `add` adds that effect in the place of a class.
     """

@@ -11,7 +11,7 @@ from wakedeploy.gap.search.artefacts import Answer, Effect, Error, Forecast, Res
 from wakedeploy.gap.wording import UNKNOWN, listed, percent, quantity
 
 _MOST_NAMED = 3
-_NOTHING = 0.005  # of a share, that is told in whole percent
+_NOTHING = 0.005  # of a share, which is printed in whole percent
 
 OutputError = tuple[str, Error]
 

@@ -206,7 +206,7 @@ class Result(Artefact, Told):
 
 
 class Summary(Told):
-    """All that the account of a folder looks at, whichever step has told it.
+    """All that the account of a folder looks at, whichever step wrote it.
 
     `white` is of what was found, `white_before` of the rig file as it is; `places` are None where
     nobody has looked.

@@ -170,10 +170,10 @@ def name(case: Case, out: Path, progress: Progress = quiet) -> Name:
     progress("comparing what could be told apart")
     named = _judged(case, out, answer, write_answer(answer, out, started), progress)
     if named.verdict == "none" and answer.instead is not None:
-        # What the sealed flights do not bear out took the place of effects that they may.
+        # A formula that the sealed flights do not bear out took the place of effects that they may.
         effects = answer.instead
         again = _judged(case, out, effects, write_answer(effects, out, started), progress)
-        if again.verdict == "none":  # nor do they: what is told is the formula
+        if again.verdict == "none":  # these are not borne out either: the formula is reported
             Found.of(answer).write(out)
             return write(out, named)
         return again
@@ -249,7 +249,7 @@ def add(case: Case, out: Path, *, from_symbolic: bool = False, only: str | None 
     written = Add(
         rig="rig.toml", old_sha256=case.rig.sha256, new_sha256=corrected.sha256, effects=added
     )
-    # First what tells of it: a `rig.toml` that nothing tells of would be another hand's.
+    # First the file that names it: a `rig.toml` that no file names would be another hand's.
     write(out, written)
     corrected.write(out / "rig.toml")
     return written
@@ -291,7 +291,7 @@ def show_gap(
 def retrain_shown(
     case: Case, out: Path, retrain: Retrain, shown: Show, progress: Progress = quiet
 ) -> Show:
-    """Add the predictors of both rigs to what `show` told, where something was added."""
+    """Add the predictors of both rigs to what `show` found, where something was added."""
     if read_steps(out).add is None:
         progress("nothing was added to the rig file: no predictor to train")
         return shown

@@ -172,7 +172,7 @@ def _wrote_rig(folder: Path) -> bool:
 def forget(folder: Path, first: str) -> None:
     """Remove what `first` and the steps after it left in an earlier run, their rig file included.
 
-    So are the report, its figures and the plan, which tell of what is removed. A `rig.toml` that
+    The report, its figures and the plan describe what is removed, and go too. A `rig.toml` that
     another hand has written or changed stays, and so does what else lies there.
     """
     stale = STEPS[STEPS.index(first) :]

@@ -172,7 +172,7 @@ def _forward(
     chance: float,
     kernel: FloatArray,  # (2 r + 1,) of the phase's wandering, in bins
 ) -> tuple[FloatArray, FloatArray]:
-    """The probability of a repeat as told by the samples before (n,), and the phase's (n, b)."""
+    """The probability of a repeat given the samples before (n,), and the phase's (n, b)."""
     n, bins = repeats.shape
     probability, forward = np.zeros(n), np.empty((n, bins))
     forward[0] = 1.0 / bins
@@ -193,7 +193,7 @@ def _ages(
     chance: float,
     kernel: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Per sample (n,) the mean age [s] and its variance [s²] as told by all samples."""
+    """Each sample's mean age [s] (n,) and its variance [s²] (n,), given all samples."""
     n, bins = repeats.shape
     age, variance, backward = np.empty(n), np.empty(n), np.ones(bins)
     for k in range(n - 1, -1, -1):

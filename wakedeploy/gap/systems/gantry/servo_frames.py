@@ -1,7 +1,7 @@
 """When the ESCs take a pulse: the servo frames of one flight.
 
 In: a run log and the rig. Out: the frames as the rig file has them, with the phase that the log's
-`applied_time_s` shows, and those that the log itself tells of where they are others.
+`applied_time_s` shows, and the frames that the log itself shows where they differ.
 """
 
 from dataclasses import dataclass

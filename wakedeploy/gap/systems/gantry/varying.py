@@ -93,7 +93,7 @@ def own_amounts(
 def freed(score: Score, directions: FloatArray, stand: FloatArray) -> Score:
     """The score with the flight's own deviations integrated out, linear around those it stands at.
 
-    They stand behind the samples as so many priors, each with its own deviation as innovation.
+    They follow the samples as one prior each, with its own deviation as innovation.
     """
     amounts, precision = own_amounts(score, directions, stand)
     innovation = score.innovation + directions @ (amounts - stand)

@@ -137,7 +137,7 @@ def write_result(out: Path, result: Result) -> Result:
 
 
 def plan_kept(out: Path, plan: Plan) -> bool:
-    """Write `plan.json`; whether the result is of this class, and tells of the plan from now on."""
+    """Write `plan.json`; return whether the result is of this class, and so names the plan now."""
     write(out, plan)
     steps: StepArtefacts = read_steps(out)
     if steps.result is None or steps.result.rivals != plan.rivals:

@@ -72,7 +72,7 @@ def _late_by(model: "LogModel", base: Fit, place: int) -> int:
 
 
 def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, int]:
-    """What the system gains most by where an input comes earlier, or later; by so many samples.
+    """The most that a shift of an input earlier or later gains [nats], and its samples.
 
     A first look leaves the fit as it is, which has followed the input as well as it could.
     """
@@ -147,5 +147,5 @@ def _shifted(log: Log, place: int, samples: int) -> Log:
 
 
 def _advanced(row: FloatArray, samples: int) -> FloatArray:
-    """A row that comes so many samples earlier; its last value is held, or its first."""
+    """A row moved `samples` samples earlier; its last value is held, or its first."""
     return row[np.clip(np.arange(len(row)) + samples, 0, len(row) - 1)]

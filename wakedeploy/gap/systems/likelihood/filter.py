@@ -54,7 +54,7 @@ class Driving:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a filter told: `statistics` (4, T, m, K, S) and the corrected states (T, k + d, K, S).
+    """A filter's output: `statistics` (4, T, m, K, S) and the corrected states (T, k + d, K, S).
 
     The last d of them are the lasting pushes on the driven states.
     """
@@ -196,7 +196,7 @@ class Filter:
     ) -> None:
         self.logs, self.blocks, self.starts = logs, blocks, starts
         self.driven, self.outliers = tuple(driven), outliers
-        self.stretch = (1, 1)  # so many samples, and so many readings of them that are looked at
+        self.stretch = (1, 1)  # the samples of a stretch, and those of its readings looked at
         self._offset = np.cumsum([0, *(log.outputs.shape[1] for log in logs)])
         self._logged = np.concatenate([log.inputs for log in logs], axis=1)
         self._driving = np.concatenate([log.driving for log in logs], axis=1)

@@ -219,7 +219,7 @@ class LogModel(ComparisonDefaults):
         return self._forecast(fitted.hypothesis, values, episodes)
 
     def groups(self, names: Sequence[str]) -> list[list[str]]:
-        """Effects that one run can tell of, as long as the logs are so short that this saves time.
+        """Effects in groups that one run can judge together, if short logs make that faster.
 
         Those with states of their own stay alone.
         """

@@ -124,7 +124,7 @@ def _alike(model: LogModel, losses: Sequence[Losses]) -> tuple[Pair, ...]:
 def _same_delay(model: LogModel, pair: Pair) -> bool:
     """Whether both delay all that a system does: before its only input, or behind its only output.
 
-    What a fast input seems to tell of the two is how each is computed.
+    A fast input seems to tell the two apart, but shows only how each is computed.
     """
     system = model.system
     before = {f"dead-time@{i.name}" for i in system.inputs}

@@ -84,7 +84,7 @@ class Draws:
 
 
 def fitted_share(flights: float) -> float:
-    """How much of so many flights `close` fits to; the rest is sealed."""
+    """The share of `flights` flights that `close` fits to; the rest is sealed."""
     return 1.0 - sealed_count(round(flights)) / max(round(flights), 1)
 
 

@@ -1,4 +1,4 @@
-"""What ordinary flights tell of a rig beyond its file.
+"""What ordinary flights show of a rig beyond its file.
 
 In: a rig and flights in which nothing is new. Out: `Reference`: each flight's own thrust, battery
 and bias, which flights are unlike the others, and a fit of everything else, from which

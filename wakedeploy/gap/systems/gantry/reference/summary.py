@@ -1,4 +1,4 @@
-"""What reference flights have told, as JSON and in words.
+"""What reference flights have shown, as JSON and in words.
 
 In: a `Reference`. Out: `reference.json`'s content, and sentences with sizes and p-values.
 """

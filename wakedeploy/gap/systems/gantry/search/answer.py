@@ -95,7 +95,7 @@ def sizes_of(fitted: Fit, effect: str) -> Sizes:
 def _size(fitted: Fit, name: str, unit: str) -> Size:
     value, (low, high) = fitted.value(name), fitted.interval(name)
     free = next(f for f in fitted.free if f.name == name)
-    # An end of the range is no estimate; not so zero, nor where the parameter changes nothing.
+    # An end of the range is no estimate, unless it is 0 or where the parameter changes nothing.
     at_bound = value in {free.low, free.high} - {0.0, free.neutral}
     holds_neutral = not at_bound and bool(low <= free.neutral <= high)
     return Size(

@@ -1,7 +1,7 @@
 """How much any explanation could remove of the forecast error, where none was found.
 
 Flights may disagree with a model beyond doubt, and the forecast be none the worse for it. Whatever
-is missing shows as a mean error at some place, or as innovations that tell of the next ones; what
+is missing shows as a mean error at some place, or as innovations that predict the next ones; what
 both together predict of the error on other flights is what knowing it would be worth.
 
 In: a base fit, and the flights that judge. Out: the share of the squared error 0.25 s ahead that
@@ -37,9 +37,9 @@ class _Told:
 
 
 def explainable(model: GantryModel, fitted: Fit, judging: GantryModel | None) -> Removed:
-    """What could be removed, told by the flights of `model` of those of `judging`.
+    """The error that could be removed from the flights of `judging`, by what those of `model` show.
 
-    Without any that judge, each flight is told by the others.
+    Without `judging`, each flight is predicted by the others.
     """
     known = [_errors_ahead(model, fitted, i) for i in range(model.episodes)]
     if judging is not None:
@@ -58,7 +58,7 @@ def _removed(known: list[_Told], other: list[_Told]) -> Removed:
 
 
 def _blocks(known: list[_Told], other: list[_Told]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Errors of `other` per block, as they are and without what `known` tells of them."""
+    """Errors of `other` per block, as they are and without what `known` predicts of them."""
     name = max(COORDINATES, key=lambda coordinate: _explained(known, coordinate))
     edges = _edges(known, name)
     design = [_design(flight, name, edges) for flight in known]

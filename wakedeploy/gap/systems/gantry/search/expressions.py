@@ -51,7 +51,7 @@ _MOST_FITTED = 4
 _WORTH_FITTING = 0.7  # of what a term must gain; slopes at zero promise somewhat too little
 _MOST_RIVALS = 6
 _RIVALS_SHARE = 0.4  # of the best's promise, for a term that may take its place later
-_MOST_WAVES = 25  # of those of one round, so many are tried in the next
+_MOST_WAVES = 25  # the most waves of one round that are tried in the next
 _SURELY = (
     3.0  # times what a term must gain, by the standard error: no refit without the term is needed
 )
@@ -127,9 +127,9 @@ def search(
 
     `model` must know the terms as effects. `setting` has the numbers of the rig that terms mention
     (`vars(setting_of(rig))`). Each term must gain `least_nats` on held-out episodes; by default as
-    much as the best of so many terms without any truth in them would hardly gain. A wave in time
-    must gain `wave_nats`, if that is given: there are many of them, unlike one another, with two
-    coefficients each, and the best of them gains more by chance.
+    much as the best of as many false terms would hardly gain. A wave in time must gain `wave_nats`,
+    if that is given: there are many of them, unlike one another, with two coefficients each, and
+    the best of them gains more by chance.
     """
     least = math.log(len(names)) + 3.0 if least_nats is None else least_nats
     bars = _Bars(least, least if wave_nats is None else wave_nats)

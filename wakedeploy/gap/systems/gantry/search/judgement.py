@@ -69,7 +69,7 @@ def _of_class(named: Name, part: Sequence[str], worth: Mattering) -> Name:
 
 
 def _of_unknown(named: Name, worth: Mattering) -> Name:
-    """An expression that does not matter is no answer: what it tells of is a little rest."""
+    """An expression that does not matter is no answer: what it explains is a small rest."""
     if worth.matters or named.unknown is None:
         return named.model_copy(update={"worth": worth.as_artefact})
     small = named.unknown.model_copy(update={"worth": worth.as_artefact})

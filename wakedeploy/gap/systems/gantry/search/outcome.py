@@ -64,8 +64,8 @@ class Round:
     def confidence(self, candidate: Candidate) -> float:
         """The candidate's share of the belief, all effects and "nothing" equally likely before.
 
-        "Nothing" is believed as if it gained `least_nats`: that much comes of trying so many
-        effects on flights whose calibration is off, and says nothing for any one of them.
+        "Nothing" is believed as if it gained `least_nats`: trying all effects on flights whose
+        calibration is off brings that much, and says nothing for any one of them.
         """
         gains = np.array([self.least_nats, *(c.gain_nats for c in self.ranking)])
         weights = np.exp(gains - gains.max())

@@ -84,7 +84,7 @@ def _replay(model: GantryModel, base: Fit, horizon_s: float) -> Replay:
 
 
 def places_sentence(places: Sequence[Place], is_white: bool, flights: int) -> str:
-    """What the places say, of so many fitted flights; no more than a verdict can stand beside."""
+    """What the places of `flights` fitted flights say, and no more than a verdict could bear."""
     if not places and is_white:
         sentence = "no place stands out from noise"
     elif not places:
