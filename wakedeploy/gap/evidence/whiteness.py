@@ -19,7 +19,7 @@ from wakedeploy.gap.rules import RULES
 FloatArray = npt.NDArray[np.float64]
 
 LAGS = 16  # half a second of samples
-REFERENCE_SAMPLES = 3200  # a limit is stated for five flights of 20 s at 32 Hz
+REFERENCE_SAMPLES = 3200  # limits are stated for five flights of 20 s at 32 Hz
 _BANDS = 48
 
 
@@ -42,12 +42,12 @@ class Whiteness:
 
     @property
     def freedom(self) -> int:
-        """What the statistic of white noise is on the average."""
+        """The mean of the statistic for white noise."""
         return self.by_channel.size
 
     @property
     def at_reference(self) -> float:
-        """The statistic that as many samples as the reference's would be expected to give."""
+        """The statistic to be expected with REFERENCE_SAMPLES samples."""
         excess = (self.statistic - self.freedom) * REFERENCE_SAMPLES / self.samples
         return self.freedom + excess
 
@@ -65,7 +65,7 @@ class Whiteness:
         return max(self.freedom + excess, of_white_noise)
 
     def passes(self, of_reference: float | None = None) -> bool:
-        """Whether the innovations are as white as the reference's, or as noise."""
+        """Whether the innovations are as white as the reference's, or as white noise."""
         return self.statistic <= self.limit(of_reference)
 
     def as_json(self, of_reference: float | None = None) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def samples(score: Score) -> list[FloatArray]:
 
 
 def spectrum(white: Sequence[FloatArray], rate_hz: float) -> dict[str, Any]:
-    """Power density of whitened innovations over frequency, in bands, 1 for white noise.
+    """Power density of whitened innovations by frequency band; 1 for white noise.
 
     `low` and `high` bound 95 % of the bands of white noise.
     """
