@@ -19,12 +19,12 @@ class GantryRules(Rules):
         clear_nats: Effects that explain more have no better expression that leaves no rest.
         same_summit_nats: Depth of the interval of a summit: half of the 90 % quantile of chi².
         shorter_nats: Of two expressions closer than this, the shorter one is taken.
-        long_terms: An expression of this many terms is believed only after effects were tried in
+        long_terms: An expression of so many terms is believed only after effects were tried in
             pairs.
         dropped_nats: An effect that gains less beside others is dropped.
         used_nats: A wrong effect that gained less than this where it was fitted is no placebo, as
             it changes nothing.
-        stray: Errors beyond this many times the usual are readings that strayed, not forecasts.
+        stray: Errors beyond so many times the usual are readings that strayed, and no forecasts'.
         nothing_level: An effect that reference flights show has an interval of this level that does
             not hold "no effect".
         odd_p: A flight is unlike the others where chance makes one so far away less often.

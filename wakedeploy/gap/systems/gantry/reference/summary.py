@@ -58,7 +58,7 @@ def _variation_as_json(learned: Own, names: Sequence[str]) -> dict[str, Any]:
 
 
 def sentences(reference: Reference) -> list[str]:
-    """The same in plain words, the flights that are unlike the others first."""
+    """The same in plain words, with the flights that are unlike the others first."""
     lines = [_odd(odd, Path(reference.flights[odd.flight].name).name) for odd in reference.odd]
     lines += [_variation(quantity) for quantity in reference.variations]
     for name in reference.fit.hypothesis:

@@ -12,7 +12,7 @@ from wakedeploy.gap.systems.gantry.findings import Detectable
 from wakedeploy.gap.systems.gantry.search.outcome import Answer
 from wakedeploy.physics.effects import LIBRARY
 
-_AGREE = 2.0  # slope and size itself, in nats: farther apart, the effect is not linear
+_AGREE = 2.0  # nats by slope over nats by size: farther apart, the effect is not linear
 
 
 def detectable(answer: Answer) -> dict[str, Detectable]:
@@ -21,7 +21,7 @@ def detectable(answer: Answer) -> dict[str, Detectable]:
     What an effect would gain follows from the slope of the innovations without it. Where their
     change at the size found is another, as for a dead band, the size is not `known`.
     """
-    least = answer.thresholds.effect_nats + 1.0  # leaving out costs a parameter one nat
+    least = answer.thresholds.effect_nats + 1.0  # leaving an episode out costs a parameter one nat
     nats = surely_nats(least)
     sizes, beside = {}, explained(answer.fit)
     for name in LIBRARY:

@@ -21,11 +21,11 @@ Verdict = Literal["named", "class", "unknown", "none", "inconclusive"]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What data without any missing effect hardly ever exceed, on this rig; see `threshold`.
+    """What data without any missing effect hardly ever exceed on this rig; see `threshold`.
 
-    Gains [nats] of the best effect, of the best term of an expression in the state and of the best
-    wave in time. Then the whiteness statistic of the innovations, and by channel the largest
-    residual at any one place.
+    First the gains [nats] of the best effect, of the best term of an expression in the state, and
+    of the best wave in time; then the whiteness statistic of the innovations, and by channel the
+    largest residual at any one place.
     """
 
     effect_nats: float
@@ -50,9 +50,9 @@ class Thresholds:
 class Round:
     """One search through the library, on top of the effects `given`.
 
-    `found` is what it took, mostly the best; a better relative of what was given may have been
+    `found` is what it took, mostly the best; a better relative of a given effect may have been
     passed over. Rivals are within `near_nats` of it. `least_nats` is what the best of all effects
-    gains where nothing is missing, once in twenty.
+    gains, once in twenty, if nothing is missing.
     """
 
     given: tuple[str, ...]
@@ -87,9 +87,9 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What was found: `fit` has it all, `base` nothing of it.
+    """What was found: `fit` has all of it, `base` nothing.
 
-    That is the effects, and of what is `unknown` the expression's terms, refitted together.
+    `fit` has the effects and, if something is `unknown`, the expression's terms, refitted together.
     `model` is linear around the motion that `fit` explains, `base_model` around the base's;
     `white` tests what `fit` leaves.
     """
@@ -108,7 +108,7 @@ class Answer:
     unknown: Symbolic | None
     rest: Symbolic | None  # beyond the effects, but too little to doubt them
     thresholds: Thresholds
-    instead: "Answer | None" = None  # the effects, where an expression has taken their place
+    instead: "Answer | None" = None  # the effects, if an expression has taken their place
 
     @property
     def members(self) -> tuple[str, ...]:
