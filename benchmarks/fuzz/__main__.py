@@ -64,7 +64,7 @@ def shown(line: str) -> str:
 
 
 def main() -> int:
-    """Read, count, tell."""
+    """Read, count, print."""
     options = _options()
     alone()
     from benchmarks.fuzz.kinds import MAKE, made

@@ -92,7 +92,7 @@ def _study() -> Kind:
 
 
 def _go_on_tuning(folder: Path) -> None:
-    """As `tune` does before its next trial, and with what it tells."""
+    """Do and print what `tune` does before its next trial."""
     work = _work(folder)
     study = work.begin()
     give_back_of_the_dead(study)

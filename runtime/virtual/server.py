@@ -37,7 +37,7 @@ class PtyPort:
         tty.setraw(slave)
         self.name = os.ttyname(slave)
         os.set_blocking(self._master, False)
-        os.close(slave)  # from now on the kernel tells whether anyone has it open
+        os.close(slave)  # from now on the kernel shows whether anyone has it open
         self._poll = select.poll()
         self._poll.register(self._master, select.POLLIN)
         self.is_open = False

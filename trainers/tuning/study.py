@@ -260,7 +260,7 @@ def _machine() -> str:
 def _born(pid: int) -> str | None:
     """When a process began, in the kernel's ticks; None where there is no such process.
 
-    Where the kernel does not tell, processes are known by their number alone.
+    If the kernel does not say, processes are known by their number alone.
     """
     if not Path("/proc/self/stat").exists():
         try:

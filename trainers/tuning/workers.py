@@ -244,7 +244,7 @@ class _Crew:
         context = multiprocessing.get_context("spawn")  # torch does not survive a fork
         reading, writing = context.Pipe(duplex=False)
         member = context.Process(target=_member, args=(self.work, writing))
-        with deaf_to_ctrl_c():  # the parent tells its workers in order
+        with deaf_to_ctrl_c():  # the parent stops its workers in order
             member.start()
             writing.close()
             self.members[member] = reading

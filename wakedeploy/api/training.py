@@ -120,7 +120,7 @@ def train(
         threads: CPU threads of torch meanwhile. On the CPU the same number gives the same weights.
         device: "auto", "cpu" or "cuda".
         fresh: Replace runs that lie in `out` already.
-        tracker: "tensorboard" or "mlflow": also tell it losses, scores and pictures.
+        tracker: "tensorboard" or "mlflow": also report losses, scores and pictures to it.
         pictures: Draw `curves.png` and `prediction.png` into the folder of each run, and write its
             page, `report.html`.
         progress: Called with a stage, the epochs done and their number.

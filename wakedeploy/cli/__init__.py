@@ -54,7 +54,7 @@ _UNUSABLE = (
 
 
 class _Commands(Group):
-    """Loads a command's file when it is asked for, and tells failures in one sentence."""
+    """Loads a command's file when it is asked for, and reports failures in one sentence."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """As a program: a polite kill interrupts it as Ctrl-C does, until its work is done."""

@@ -21,7 +21,7 @@ class LogLines:
     learned about the time that the others take; nor of steps that took ten seconds together, as
     what follows may be of another kind. A step that takes longer than those before it leaves the
     estimate out, and so do less than ten seconds: the last step may not be the end of the work.
-    `counted` tells steps instead of per cent.
+    `counted` shows steps instead of per cent.
     """
 
     def __init__(self, what: str, total: int = 0, done: int = 0, *, counted: bool = False) -> None:

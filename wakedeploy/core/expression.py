@@ -144,7 +144,7 @@ class Expression:
 
 
 def parse(text: str, names: Collection[str] = VARIABLES) -> Expression:
-    """Read an expression in `names`; UnusableInput tells the character (from 1) and what is wrong.
+    """Read an expression in `names`; UnusableInput names the character (from 1) and what is wrong.
 
     Besides the grammar, it bounds length, nesting and exponents, so that an expression from
     anybody's file can be read and evaluated safely.

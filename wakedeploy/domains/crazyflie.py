@@ -37,7 +37,7 @@ OBSERVATION = (
     Channel("source_mass_kg", "kg"),
     Channel("sufferer_mass_kg", "kg"),
 )
-# Channels into which the sufferer's own motion goes: their past tells its acceleration. Its battery
+# Channels into which the sufferer's own motion goes: their past shows its acceleration. Its battery
 # sags with its own thrust.
 OWN_MOTION = tuple(c.name for c in OBSERVATION if not c.name.startswith("source_"))
 FORCE = tuple(Channel(f"force_{axis}_n", "N") for axis in "xyz")

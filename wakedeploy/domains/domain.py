@@ -20,7 +20,7 @@ class Setting:
     """What a domain takes beside a path, or minutes and seed; on the command line as `--NAME`.
 
     One of `choices`, a number from `low` to `high`, the rig that is simulated, or packages that
-    fly in it; `help` tells a user.
+    fly in it; `help` is for a user.
     """
 
     name: str

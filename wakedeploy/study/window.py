@@ -190,7 +190,7 @@ def unlearned_of(points: Sequence[Seen]) -> list[Seen]:
 
 
 def transport_delay_s(data: EpisodeSet) -> float | None:
-    """How long the wake is under way on average, where a set and its simulation tell; or None.
+    """How long the wake is under way on average, if a set and its simulation say it; else None.
 
     On fish it is the lag at which the flag's tip follows the foil best.
     """

@@ -1,7 +1,7 @@
 """A first `columns.toml` for a log: what can be seen in it, each guess marked as one.
 
 In: a log, or a folder of logs. Out: the text of a file that is read as it is once a person has
-given some of its columns a role. What cannot be seen (a rate that no file tells) is left so that
+given some of its columns a role. What cannot be seen (a rate that no file states) is left so that
 reading refuses it by name.
 """
 
@@ -194,7 +194,7 @@ def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
 
 
 def _differs(one: Timing, other: Timing) -> bool:
-    """Whether two files of a folder have clocks that do not tell the same."""
+    """Whether two files of a folder have clocks that do not say the same."""
     if one.stamps_s is None or other.stamps_s is None:
         return False
     return not np.array_equal(one.stamps_s, other.stamps_s)

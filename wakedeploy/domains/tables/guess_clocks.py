@@ -56,7 +56,7 @@ def _fits(clock: Timing, seen: Values) -> bool:
 
 
 def _is_beside(clock: Timing, first: Timing) -> bool:
-    """Whether a clock tells other times than the first one, and as long a log."""
+    """Whether a clock says other times than the first one, and is of as long a log."""
     if clock.stamps_s is None or first.stamps_s is None:
         return False
     share = float(np.ptp(clock.stamps_s)) / max(float(np.ptp(first.stamps_s)), _SHORTEST_S)

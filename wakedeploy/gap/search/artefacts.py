@@ -375,7 +375,7 @@ class Answer(Artefact):
         repeated: Whether both `halves` of the logs `agree` about what was found first, each fitted
             by itself. Of each, its `episodes`, what it is `leading` with, what that gains there
             [nats], the interval from `low` to `high` of its size, a `parameter` in its `unit`, and
-            all that the half does not tell from it (`near`). None where nothing was named, and
+            all that the half cannot tell from it (`near`). None where nothing was named, and
             where a half has fewer than three blocks.
     """
 
@@ -486,7 +486,7 @@ class LabelAudit(Part):
 
 
 class Result(Disagreements, Answer, BeforeAfter):
-    """domain.json: all steps together, and what one domain alone tells.
+    """domain.json: all steps together, and what one domain alone adds.
 
     `label` is an audit of published forces by group of flights, `far` the same steps where no wake
     is, `hidden` what a simulation had been given.

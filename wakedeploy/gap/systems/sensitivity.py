@@ -265,7 +265,7 @@ def _unitless(model: LogModel) -> list[str]:
 
 
 def _beginnings(model: LogModel) -> list[str]:
-    """States whose beginning nobody tells, and that are not at rest where they begin."""
+    """States whose beginning nothing shows, and that are not at rest where they begin."""
     rates = dict(zip(model.system.states, model.first_rates(), strict=True))
     return [
         f"state {name}: no output shows it, and `start` does not give it. It begins at 0, where it "
