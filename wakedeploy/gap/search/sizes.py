@@ -70,7 +70,7 @@ def over_rounds(name: str, size: Size, rounds: Sequence[Round]) -> Size:
 
 
 def _later(size: Size, by_s: float) -> Size:
-    """A delay and both its ends later by `by_s`, none below 0."""
+    """A delay and both its ends later by `by_s` [s], none below 0."""
     if by_s == 0.0:
         return size
     names = ("value", "low", "high", "mean_low", "mean_high", "least_squares")

@@ -31,7 +31,7 @@ IntArray = npt.NDArray[np.int64]
 
 GRID_HZ = 128.0
 DT_S = 1.0 / GRID_HZ
-AIRBORNE_M = 0.06  # above the stop, and more than range noise
+AIRBORNE_M = 0.06  # height above the stop; more than range noise
 BELOW_TOP_M = 0.02
 SETTLING_S = 0.3  # of each stretch, in which the filter finds its speed
 SHORTEST_S = 4.0  # of airborne time; a shorter flight says nothing
@@ -188,7 +188,6 @@ def _take_off_s(sufferer: Line, frame_s: FloatArray, rig: Rig, begins_s: float) 
     """When the thrust reaches half the weight, as in the plant: `Motion.time_s` counts from then.
 
     The first tick in flight is a tenth of a second earlier: a third of a fast sine's period.
-    period.
     """
     fine_s = np.arange(begins_s, begins_s + _TAKE_OFF_LIMIT_S, _FINE_S)
     taken = np.maximum(np.searchsorted(frame_s, fine_s, side="right") - 1, 0)

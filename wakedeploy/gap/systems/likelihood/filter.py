@@ -4,8 +4,8 @@ In: a system with effects that act, logs, blocks and parameter sets. Out: for ea
 innovation, variance, log density and weight; the states; and forecasts over a horizon.
 
 One loop over time serves all parameter sets and all pieces of the logs: each is a lane of the
-One loop over time serves all parameter sets and all pieces of the logs: each is a lane of the
 arrays that the user's functions are called with (after Kristensen, Madsen and Jørgensen,
+Automatica 40, 2004, whose estimates are those of an extended Kalman filter, too).
 """
 
 import itertools
