@@ -2,7 +2,7 @@
 
     python -m benchmarks.compiled --work FOLDER
 
-Sizes and times are those of the reference shapes. What rounding changes is told on the test
+Sizes and times are those of the reference shapes. What rounding changes is measured on the test
 episodes of the gantry and the fish, with predictors that are trained for it in FOLDER, on a set
 that is made there; both stay, and a stopped measurement goes on. `--part` measures one part alone.
 """

@@ -115,7 +115,7 @@ def bundles(
 
 
 def each(work: Callable[[Job], Done], jobs: Sequence[Job], workers: int) -> list[Done]:
-    """Do all jobs on so many processes; a line on stderr tells how far it is."""
+    """Do all jobs on `workers` processes; a line on stderr shows how far they are."""
     done: list[Done] = []
     began_s = told_s = time.monotonic()
     with processes(workers) as mapped:

@@ -1,8 +1,8 @@
 """The compiled wake field beside its plain twin: microseconds a step, ratio, arithmetic, traffic.
 
 All are timed in turns in one process, so that what else runs on the machine slows all alike. What
-the core can do is told by the fastest arithmetic found, multiply-adds in the first cache or matrix
-products, and by copies between arrays as large as the field's.
+the core can do is measured with the fastest arithmetic found, multiply-adds in the first cache or
+matrix products, and with copies between arrays as large as the field's.
 
     OMP_NUM_THREADS=1 python -m benchmarks.field --json docs/records/field.json
 """

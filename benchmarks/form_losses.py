@@ -41,7 +41,7 @@ def losses() -> list[dict[str, Any]]:
 
 @click.command()
 def main() -> None:
-    """Write the record, and tell what loses most."""
+    """Write the record, and print what loses most."""
     rows = losses()
     write(FOLDER / RECORD, {"flights": FLIGHTS, "seconds": SECONDS, "rows": rows})
     for row in rows:

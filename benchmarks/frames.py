@@ -23,7 +23,7 @@ DRIVER = records.ROOT / "tests" / "firmware" / "frames_fuzz.cpp"
 
 
 def tried(count: int, seed: int) -> dict[str, Any]:
-    """What so many frames were and did; UnusableInput with the program's words when one fails."""
+    """What `count` frames were and did; UnusableInput with the program's words when one fails."""
     program = sanitized_program(DRIVER)
     began_s = time.monotonic()
     ended = subprocess.run(

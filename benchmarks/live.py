@@ -78,7 +78,7 @@ def _pair(number: int, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _flown(pages: int, seed: int, options: argparse.Namespace) -> dict[str, Any]:
-    """A flight's latency [ms] and how late its ticks began, with so many pages open."""
+    """A flight's latency [ms] and how late its ticks began, with `pages` pages open."""
     request = RunRequest(
         default_rig(), options.seconds, seed=seed, wall_clock=True, package=options.package
     )
@@ -105,7 +105,7 @@ def _spread(values_s: Any) -> dict[str, float]:
 
 @contextlib.contextmanager
 def _read_by(pages: int) -> Iterator[LiveFeed]:
-    """A live page with so many readers, in a process of their own."""
+    """A live page with `pages` readers, in a process of their own."""
     with live_views("127.0.0.1:0") as page:
         context = multiprocessing.get_context("spawn")
         ready = context.Event()
@@ -161,7 +161,7 @@ def _mean(values: list[float]) -> list[float | None]:
 
 
 def _listed(logs: int) -> dict[str, float]:
-    """How long a list of so many flights takes [s]: read from the files, and from the cache."""
+    """How long a list of `logs` flights takes [s]: read from the files, and from the cache."""
     with tempfile.TemporaryDirectory() as temporary, _cache_in(Path(temporary)):
         folder = Path(temporary) / "flights"
         folder.mkdir()

@@ -179,7 +179,7 @@ def parts(out: Path, sets: int) -> dict[str, Callable[[], dict[str, Any]]]:
 @click.option("--most", default=100, help="parts in this run; the folder keeps what is done")
 @click.option("--record", "is_kept", is_flag=True, help="write docs/records/reference-flights.json")
 def main(out: Path, sets: int, most: int, is_kept: bool) -> None:
-    """Fly, learn, and tell."""
+    """Fly, learn, and print."""
     out.mkdir(parents=True, exist_ok=True)
     todo = parts(out, sets)
     remaining = [name for name in todo if not (out / f"{name}.json").is_file()]

@@ -91,7 +91,7 @@ def soak_plan(rig: Rig, ticks: int, seed: int) -> FlightPlan:
 
 
 def soaked(ticks: int, package: Path | None, folder: Path) -> dict[str, Any]:
-    """Fly until so many ticks are flown; what grew, drifted, leaked or got lost."""
+    """Fly `ticks` ticks; return what grew, drifted, leaked or got lost."""
     flights: list[dict[str, Any]] = []
     while (remaining := ticks - sum(flight["ticks"] for flight in flights)) > 0:
         flights.append(_flown(remaining, package, folder, seed=len(flights)))

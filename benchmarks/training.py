@@ -162,7 +162,7 @@ class PlainLoop:
         self.batches = self._shuffled_for_ever()
 
     def play(self, targets: int) -> None:
-        """Learn from so many targets more; what is left of the last batch is not used."""
+        """Learn from `targets` more targets; what is left of the last batch is not used."""
         self.predictor.train()
         remaining = targets
         while remaining > 0:

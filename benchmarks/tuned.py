@@ -179,7 +179,7 @@ def wakedeploy(*arguments: object) -> None:
 
 
 def scored(domain: str, runs: Sequence[Mapping[str, Any]]) -> Row:
-    """Test errors of the seeds, as shares of the spread, of the channels that are told of."""
+    """Test errors of the seeds on the reported channels, as shares of the spread."""
     return {
         "errors": [error(domain, run["r2"]) for run in runs],
         "validation": [validation_error(Path(run["run"])) for run in runs],

@@ -1,7 +1,7 @@
 """The parity gate: the exported graph, through the runner that ships, beside the training forward.
 
 The training-time forward sees whole sequences (parallel scan, causal convolution); the runner takes
-one observation at a time and carries its memory. Both must tell the same force.
+one observation at a time and carries its memory. Both must give the same force.
 """
 
 import copy

@@ -89,7 +89,7 @@ def bench_latency(
     used = rig or default_rig()
     require_wait(used)
     for path in packages:
-        read_flyable(path)  # a bad one is told before minutes are spent on the others
+        read_flyable(path)  # a bad one is refused before minutes are spent on the others
     total, rows = len(packages) * ticks, []
     with _busy_cores() if busy else ExitStack():
         for number, path in enumerate(packages):

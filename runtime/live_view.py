@@ -1,4 +1,4 @@
-"""What a live page is told of a run beside its rows: the rig, in the few numbers that a page draws.
+"""What a live page gets of a run beside its rows: the rig, in the few numbers that a page draws.
 
 In: a request, a rig. Out: plain dictionaries. The rows go through `runtime.io.live_feed`.
 """

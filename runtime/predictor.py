@@ -1,4 +1,4 @@
-"""Package to force, one observation at a time: the runner that ships, and that parity is told by.
+"""Package to force, one observation at a time: the runner that ships; parity is measured with it.
 
 Tensors live in buffers that are bound once; a step copies the observation in, runs the graph and
 copies the force out. State tensors alternate between two sets of buffers and are never copied.

@@ -321,7 +321,7 @@ def _shown(loop: Loop, flight_s: float, rig: Rig, show: Show | None) -> Iterator
 def _stopping_by_hand(loop: Loop) -> Iterator[None]:
     """Ctrl-C, a polite kill, a closed terminal bring the sufferer down; Ctrl-C again drops it.
 
-    Only that: of a closing terminal both the shell and the kernel tell, within a millisecond.
+    Nothing else drops it: a closing terminal is signalled by shell and kernel within a millisecond.
     """
 
     def ask(number: int, frame: types.FrameType | None) -> None:

@@ -41,7 +41,7 @@ def judge(
     cause = loop.failsafe_cause
     if recording and (not cause or cause[0] in ("recorder_failed", "operator_stop")):
         raise CheckFailed(recording)
-    # What else was found in the same tick comes first: a unit bound to the port is also told to
+    # What else was found in the same tick comes first: a unit bound to the port is also ordered to
     # stop when the cable is pulled.
     if cause[:1] == ("operator_stop",):
         raise KeyboardInterrupt

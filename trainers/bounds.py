@@ -42,7 +42,7 @@ def check_hyper(arch: str, usual: Any, overrides: Mapping[str, Any]) -> None:
 
 
 def check_settings(defaults: Mapping[str, Any], overrides: Mapping[str, Any]) -> None:
-    """Raise UnusableInput for a fit setting that there is none of, or a value out of bounds."""
+    """Raise UnusableInput for an unknown fit setting, or a value out of bounds."""
     for name, value in overrides.items():
         if name not in defaults:
             raise UnusableInput(

@@ -1,9 +1,9 @@
 """A predictor that is kept from the past of some channels.
 
 A memory of the sufferer's own motion lets a model differentiate its way to a force without knowing
-anything of wakes. Here the core sees only the other channels and tells what it makes of their past
-in a few numbers; a small network joins these with the whole present observation. A reservoir stays
-one, with its readout solved: it is driven by the other channels, and the present stands beside it.
+anything of wakes. Here the core sees only the other channels and sums up their past in a few
+numbers; a small network joins these with the whole present observation. A reservoir
+stays one, with its readout solved: the other channels drive it, and the present stands beside it.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from trainers.model import SolvedModel, State, StateModel, WakeModel
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import PARAMETER_BUDGET
 
-CODE = 16  # numbers in which the core tells of the past
+CODE = 16  # numbers in which the core sums up the past
 _HIDDEN, _LAYERS = 64, 2
 
 

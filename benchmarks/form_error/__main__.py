@@ -1,4 +1,4 @@
-"""Fly the gantries of other forms, ask the workflow about each, and tell a dose curve.
+"""Fly the gantries of other forms, ask the workflow about each, and print a dose curve.
 
 `python -m benchmarks.form_error --out FOLDER [--per-dose N] [--per-effect N] [--workers N]` keeps
 flights and answers in the folder, so that a run goes on where it was stopped; `--record` writes

@@ -92,7 +92,7 @@ class Case:
 
     @property
     def digest(self) -> str:
-        """Of all that decides its flights."""
+        """The hash of all that decides the case's flights."""
         text = json.dumps(asdict(self), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 

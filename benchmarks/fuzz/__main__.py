@@ -36,7 +36,7 @@ class Account:
         self.failures: dict[tuple[str, ...], list[Failure]] = collections.defaultdict(list)
 
     def add(self, outcome: Outcome) -> None:
-        """Count a batch, and tell of failures that are new."""
+        """Count a batch, and report new failures."""
         self.tallies[outcome.batch.kind].join(outcome.tally)
         for failure in outcome.failures:
             alike = self.failures[(failure.kind, *failure.verdict.signature)]
@@ -64,7 +64,7 @@ def shown(line: str) -> str:
 
 
 def main() -> int:
-    """Read, count, tell."""
+    """Read, count, print."""
     options = _options()
     alone()
     from benchmarks.fuzz.kinds import MAKE, made

@@ -198,7 +198,7 @@ def bomb(draw: random.Random) -> bytes:
 
 
 def deflated(head: bytes, zeros: int) -> bytes:
-    """A head and so many zeros as a raw deflate stream, at no cost of unpacked memory."""
+    """A head and `zeros` zeros as a raw deflate stream, made without unpacked memory."""
     packing = zlib.compressobj(9, zlib.DEFLATED, -15)
     first = packing.compress(head) + packing.flush(zlib.Z_FULL_FLUSH)
     return first + _zeros() * (zeros // _BOMB_BLOCK) + b"\x03\x00"

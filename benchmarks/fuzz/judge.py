@@ -33,7 +33,7 @@ class Hang(BaseException):
 
 @dataclass(frozen=True)
 class Verdict:
-    """`outcome` is "read", "refused" or "failed"; `trouble` and `where` tell of a failure.
+    """`outcome` is "read", "refused" or "failed"; `trouble` and `where` describe a failure.
 
     `said` is the refusal's sentence or the failure's traceback; `seconds` are the processor's.
     """

@@ -137,7 +137,7 @@ def _train_on(folder: Path) -> None:
 
 
 def _row(run: TrainedRun) -> ScoreRow:
-    """As `train` tells of a run."""
+    """A run's scores as `train` prints them."""
     tested = run.metrics.test
     episodes = run.metrics.test_episodes
     return score_row(run, "test", (tested.rmse, tested.r2, episodes), run.metrics.seconds)

@@ -28,7 +28,7 @@ from benchmarks.fuzz.kind import Files, Kind
 MOST_MIB = 512  # of memory above what a worker begins with
 _ROOM = 4  # times as much address space for one more reading, where address space ran out
 _BATCH_S = 2.0
-_GROWTH = 4  # times the batch before, at most: the first ones tell little of their time
+_GROWTH = 4  # times the batch before, at most: the first ones say little of their time
 _MOST_SHARE = 30.0
 _SILENT_S = 60.0  # of processor time: what hangs where no signal is heard
 _FILES_PER_WORKER = 50_000

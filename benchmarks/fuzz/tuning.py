@@ -92,7 +92,7 @@ def _study() -> Kind:
 
 
 def _go_on_tuning(folder: Path) -> None:
-    """As `tune` does before its next trial, and with what it tells."""
+    """Do and print what `tune` does before its next trial."""
     work = _work(folder)
     study = work.begin()
     give_back_of_the_dead(study)
@@ -209,7 +209,7 @@ def _sweep_results() -> Kind:
         with spoken():
             sweep_command._tell(report, out, None)
 
-    names = ("--retry-failed",)  # that jobs have failed is told of no file
+    names = ("--retry-failed",)  # the sentence about failed jobs names this, and no file
     return Kind("sweep-results", "sweep results", (kept,), go_on, ways, names=names, writes=True)
 
 

@@ -1,4 +1,4 @@
-"""How large each effect must be for its strength, told from pilots.
+"""How large each effect must be for its strength, measured in pilots.
 
 In: the list of effects. Out: `sizes.json`, committed; the benchmark's cases are made from it. The
 pilots fly other seeds than any case. What an effect of some size would change in the innovations of

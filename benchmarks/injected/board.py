@@ -1,4 +1,4 @@
-"""The board: it restarts, says what is not so, stops obeying, or its carriage does."""
+"""The board: it restarts, reports what is false, stops obeying, or its carriage does."""
 
 from collections.abc import Callable
 from dataclasses import replace

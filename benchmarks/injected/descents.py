@@ -1,7 +1,7 @@
 """Blind descents from anywhere: the link or the range sensor is gone at a random moment.
 
 Every plant differs from its rig file as far as calibration leaves it (thrust ±6 %, which a battery
-takes, too; friction halved or doubled), and every wake is so many times as strong as the file says.
+takes, too; friction halved or doubled), and every wake is a multiple of what the file says.
 """
 
 import itertools

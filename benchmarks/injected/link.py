@@ -50,7 +50,7 @@ def doubles(scene: Scene) -> None:
 
 
 def reorders(scene: Scene, *, way: str) -> None:
-    """Of two frames the second comes first."""
+    """Swap every two frames: the second comes first."""
     kept: list[bytes] = []
 
     def swapped(data: bytes) -> Delayed:

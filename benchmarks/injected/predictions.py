@@ -54,13 +54,13 @@ def drifts(scene: Scene, *, newtons_per_s: float) -> None:
 
 
 def late(scene: Scene, *, late_ones: int, of: int) -> None:
-    """So many of so many do not come in time."""
+    """`late_ones` of every `of` predictions come too late."""
     turns = itertools.cycle([True] * late_ones + [False] * (of - late_ones))
     scene.predictor.alter = lambda result: None if next(turns) else result
 
 
 def fails(scene: Scene) -> None:
-    """The model raises; the worker tells this by a NaN, and its memory is as it was."""
+    """The model raises; the worker reports this as NaN, and its memory stays as it was."""
     scene.predictor.alter = lambda result: Result(math.nan, result.ready)
 
 

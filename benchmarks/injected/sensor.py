@@ -33,7 +33,7 @@ def says(scene: Scene, *, range_mm: float, status: int = 0) -> None:
 
 
 def bad_status(scene: Scene) -> None:
-    """No target is seen, as the driver tells it."""
+    """No target is seen, as the driver reports it."""
     nothing_mm = float(NOTHING_IN_RANGE_MM)
     says(scene, range_mm=nothing_mm, status=STATUS_NO_TARGET)
 

@@ -229,7 +229,7 @@ class FaultyGantry(SimulatedGantry):
         self.on_step(t_s)
 
     def _look(self, t_s: float) -> None:
-        """Take in a sample as soon as the plant has one, as a sensor with this fault tells it."""
+        """Take in a sample as soon as the plant has one, as a sensor with this fault reports it."""
         if self.plant.range_sample() is not self._last_sample:
             self._last_sample = self.plant.range_sample()
             self.sample = reading = super().newest

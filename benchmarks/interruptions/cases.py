@@ -222,7 +222,7 @@ def _swaps(folder: Path) -> None:
 
 
 def _runs(folder: Path) -> Any:
-    """Of every run its scores, and the hash of its weights."""
+    """Every run's scores, and the hash of its weights."""
     found = sorted(folder.rglob("metrics.json"))
     return {str(path.relative_to(folder)): _timeless(path) for path in found}
 

@@ -30,7 +30,7 @@ TRUTH = {
 
 
 def fitted(name: str, hold: str, steps: int) -> dict[str, Any]:
-    """Forecast errors and constants of one recording, its input held so, in so many steps."""
+    """Forecast errors and constants of one recording, with this hold and number of steps."""
     began_s = time.process_time()
     (case,) = (case for case in CASES if case.name == name)
     cls = type(system_of(case, "in"))

@@ -4,8 +4,8 @@
 each case with its effect left out: the textbook system's constants by least squares of its
 forecasts; PySINDy (de Silva et al., 2020) on what the system leaves of its rates; and a small
 network on the same. Each is then judged as the answers of `benchmarks.real_systems` are: the root
-mean square of measured less forecast on blocks that took no part. What is left of the rates is told
-by the corrections of the fitted system's filter, so that states that no sensor shows have it, too.
+mean square of measured less forecast on blocks that took no part. What is left of the rates comes
+from the corrections of the fitted system's filter: states that no sensor shows have it, too.
 """
 
 import time
@@ -211,7 +211,7 @@ def _stated(base: Fit) -> Fit:
 
 
 def _finite(value: float) -> float | None:
-    """JSON has no infinity; a forecast that runs off is told as none."""
+    """JSON has no infinity; a forecast that runs off is null."""
     return float(value) if np.isfinite(value) else None
 
 

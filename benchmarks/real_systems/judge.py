@@ -13,7 +13,7 @@ def judged_left_out(case: Case, answer: Answer) -> str:
 
     "right" has an expected effect and nothing that the literature does not know; "partly" has one
     beside others; "class" leaves an expected one among at most three rivals; "wrong" has none;
-    "nothing" is said, or so many rivals that the answer is "unknown".
+    "nothing" names no effect, or so many rivals that the answer is "unknown".
     """
     names = answers(answer)
     if not names or answer["verdict"] == "unknown":
@@ -46,7 +46,7 @@ def answers(answer: Answer) -> set[str]:
 
 
 def agreement(first: Answer, second: Answer) -> str:
-    """Of two halves: "same" names, some names in common, or "differ"."""
+    """How two halves agree: "same" names, "in part" with some in common, or "differ"."""
     first_names, second_names = answers(first), answers(second)
     if first_names == second_names:
         return "same"

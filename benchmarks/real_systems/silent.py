@@ -1,4 +1,4 @@
-"""What the recordings on which nothing is named can tell, computed without the workflow.
+"""What the recordings on which nothing is named can show, computed without the workflow.
 
 `python -m benchmarks.real_systems.silent --json docs/records/silent-recordings.json` asks three
 recordings by plain least squares. A pendulum's friction comes from the weak form of its equation of
@@ -149,7 +149,7 @@ def _said(rows: Sequence[dict[str, float]]) -> str:
 @click.command()
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the record here")
 def main(json_path: Path | None) -> None:
-    """Print what each recording tells."""
+    """Print what each recording shows."""
     pendulum, tanks, actuator = _pendulum(), _tanks(), _actuator()
     for row in pendulum:
         print("pendulum: {friction_nm:.2f} ± {error_nm:.2f} N m, {window_s:g} s".format(**row))

@@ -10,7 +10,7 @@ Row = Mapping[str, Any]
 
 
 def asked(records: Records) -> Section:
-    """What a pendulum, two tanks and an actuator tell without the workflow."""
+    """What a pendulum, two tanks and an actuator show without the workflow."""
     record = records.json(RECORD)
     return Section(
         "What hard recordings can tell",

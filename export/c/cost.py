@@ -1,4 +1,4 @@
-"""What C takes on a microcontroller, told from the program before anything is compiled.
+"""What C takes on a microcontroller, computed from the program before anything is compiled.
 
 Bytes are counted. Instructions are an estimate for a Cortex-M4F at gcc -O2: what a step does, by
 kind, times what each kind took in the simulator (`docs/records/compiled.json`, the eight reference

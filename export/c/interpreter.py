@@ -87,7 +87,7 @@ def _gemm(node: Node, given: list[Wide]) -> Wide:
 
 
 def _convolution(node: Node, given: list[Wide]) -> Wide:
-    """Of as many places as the kernel is long."""
+    """A convolution over as many places as the kernel is long."""
     made: Wide = np.einsum("bcl,ocl->bo", given[0], given[1])[..., None]
     return made + given[2][:, None] if len(given) > 2 else made
 

@@ -30,7 +30,7 @@ def kept_c(package: Package, waiting: Callable[[], None] = lambda: None) -> CFol
 
     `waiting` is called again and again meanwhile. Raises what `export.c.packaging.export_c` does.
     """
-    host_compiler()  # told before anything is begun
+    host_compiler()  # raises before anything is begun
     name = f"{package.manifest.arch}-{_key(package)}"
     folder = kept_folder() / "packages" / name
     with one_at_a_time(folder.parent, name, traceless=True):

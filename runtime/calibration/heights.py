@@ -69,7 +69,7 @@ def estimate(logs: Sequence[RunLog], heights_m: Sequence[float], rig: Rig) -> Ou
         f"The line gives {bias_m:.3f} m on the stop, and it may be up to {_FURTHEST_M:g} m: check "
         "the heights.",
     )
-    # More than two heights tell by their scatter when the errors are larger than thought.
+    # The scatter of more than two heights shows when the errors are larger than thought.
     chi2 = float(np.sum((off_m / error_m) ** 2)) / max(len(heights_m) - 2, 1)
     spreads = np.sqrt(np.diag(cov) * max(1.0, chi2))
     constants = {

@@ -3,7 +3,7 @@
 A reading is compared with the line between its neighbours, at the times at which they were taken:
 what the sufferer really does within 60 ms of a hover is a tenth of a millimetre. The noise of
 neighbouring readings is assumed independent; rounding is taken off. The rest before and after the
-flight tells whether the running motors matter.
+flight shows whether the running motors matter.
 """
 
 import numpy as np

@@ -89,7 +89,7 @@ def swinging(rig: Rig) -> FlightPlan:
 
 @dataclass(frozen=True)
 class _Bend:
-    """By what the curve is off: log of the scale and exponent, and the drift over the series.
+    """How the curve is off: the log of its scale, its exponent, and the drift over the series.
 
     `fitted` (2,) or, without voltages, (3,); `covariance` is that of unit scatter.
     """
@@ -100,12 +100,12 @@ class _Bend:
 
     @property
     def scale(self) -> float:
-        """Of the thrust at hover."""
+        """The factor on the thrust at hover."""
         return float(np.exp(self.fitted[0]))
 
     @property
     def exponent(self) -> float:
-        """Of the thrust over hover."""
+        """The exponent of the thrust over hover."""
         return float(self.fitted[1])
 
     @property
@@ -115,7 +115,7 @@ class _Bend:
 
     @property
     def at_hover_sd(self) -> float:
-        """Of the thrust at hover, as a share; there the rig file's readers apply a spread."""
+        """The spread of the thrust at hover, as a share; readers of the rig file apply it there."""
         along = np.zeros(len(self.fitted))
         along[:2] = 1.0, -self.fitted[0] / self.fitted[1]
         return self.scatter * float(np.sqrt(along @ self.covariance @ along))

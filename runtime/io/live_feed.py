@@ -19,7 +19,7 @@ STOP, HELD, FREE = b"stop", b"held", b"free"
 class LiveFeed:
     """The loop's end of the socket to the process that serves the page; it never raises.
 
-    `offered` and `dropped` count rows. `is_gone` tells that the other process has ended: the
+    `offered` and `dropped` count rows. `is_gone` says that the other process has ended: the
     flight goes on without it, unless a page has begun it.
     """
 

@@ -1,4 +1,4 @@
-"""What a run tells systemd, where systemd started it: ready, alive, what it does, about to end.
+"""What a run reports to systemd, if systemd started it: ready, alive, what it does, about to end.
 
 The protocol is sd_notify's: datagrams to the socket that the environment names. Without such a
 socket nothing is sent. Whoever feeds the watchdog is the loop itself, tick by tick, so that a loop

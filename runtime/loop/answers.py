@@ -1,6 +1,6 @@
 """The door for the board's answers: which are new, and how late they are.
 
-In: the newest answer. Out: since when it is the same, and how many in a row took too long.
+In: the newest answer. Out: how long it has been the same, and how many in a row took too long.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from runtime.io.conversation import Answer
 from runtime.loop.safety import LATE_ANSWER_S, LATE_COMMAND_S
 from wakedeploy.core.rig import Rig
 
-OLD_TICKS = 4  # ticks with the same answer, after which nobody knows where the carriage is
+OLD_TICKS = 4  # after this many ticks with the same answer nobody knows where the carriage is
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Heard:
 
 
 class AnswerDoor:
-    """What it remembers from tick to tick: the newest sequence number, and late answers."""
+    """Remembers from tick to tick the newest sequence number, and late answers."""
 
     def __init__(self, rig: Rig) -> None:
         self._round_trip_s = rig.latency.round_trip_s

@@ -1,4 +1,4 @@
-"""Before a flight: what the board is armed with, and what it must say of itself then."""
+"""Before a flight: what the board is armed with, and what it must then report of itself."""
 
 from runtime.io.protocol import Arm, Status
 from runtime.reference import FlightPlan
@@ -9,7 +9,7 @@ from wakedeploy.core.rig import Rig
 def arm_limits(rig: Rig, motors_off: bool = False) -> Arm:
     """The rig's limits as the MCU takes them; with `motors_off` nothing turns a motor.
 
-    The MCU refuses an empty range of pulses; a microsecond above idle no ESC starts.
+    The MCU refuses an empty range of pulses; no ESC starts a microsecond above idle.
     """
     limits, stepper = rig.limits, rig.stepper
     idle_us, full_us = limits.pulse_us

@@ -2,8 +2,8 @@
 
 In: the last estimate that can be trusted, and the trim. Out: two pulses, and a ladder of them over
 time. *Brake* takes the present speed away and carries what is left of the wake. *Sink* carries the
-weight alone; it is taken back slowly, so that a thrust that is stronger than thought comes down,
-too. The board follows the same ladder when commands stop; each command tells it both pulses.
+weight alone; it is reduced slowly, so that a sufferer with more thrust than thought comes down,
+too. The board follows the same ladder when commands stop; each command carries both pulses.
 """
 
 import math
@@ -19,27 +19,27 @@ from wakedeploy.physics.motor import held_pulse
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 
 SINK_MPS = 0.3  # downwards, when the brake ends
-# The speed that a sink from the present height may reach should the thrust be weaker than known by
-# two standard deviations; what that leaves to gravity, as a share of the weight, has bounds.
+# The speed that a sink from the present height may reach if the thrust is weaker than known by two
+# standard deviations. The share of the weight that this leaves to gravity has bounds.
 _LANDING_MPS = 0.75
 _LEAST_MARGIN, _MOST_MARGIN = 0.005, 0.05
 _LEAST_HEIGHT_M = 0.05
-_RISE_S = 0.4  # for which a climb goes on until the brake has ended it
-# The wake that is still to come is looked at in steps; after half a second the air that was on its
-# way has passed.
+_RISE_S = 0.4  # for this long a climb goes on until the brake has ended it
+# The wake still to come is looked at in steps; after half a second the air that was on its way has
+# passed.
 _WAKE_STEP_S, _WAKE_STEPS = 0.1, 5
-_SPOOL_DOWN_S = 0.05  # of a source that idles, counted as its present thrust
-_STILL_M = 0.025  # of height, which a sensor that shows no motion stays within
-_NEAR_M = 0.12  # below, a sensor may say the same for long, and a take-off may go unseen
-_SINKING_S = 0.3  # within which a sink that is seen takes its speed
+_SPOOL_DOWN_S = 0.05  # of an idling source, counted as its present thrust
+_STILL_M = 0.025  # of height: a sensor that stays within this shows no motion
+_NEAR_M = 0.12  # below this, a sensor may say the same for long, and a take-off may go unseen
+_SINKING_S = 0.3  # a sink that is seen reaches its speed within this
 _RISE_SHARE, _RISE_WAKE = 1.35, 1.5  # weight and wake that a thrust must exceed to count as lifting
-# A sensor that says the very same so many times shows nothing at all: then a thrust counts that is
-# as far above the weight as calibration may leave the curve.
+# A sensor that says the very same this many times shows nothing. A thrust then counts as lifting
+# where it exceeds the weight by this factor: calibration may leave the curve as far off.
 _ALIKE, _SILENT_SHARE = 6, 1.08
-# So far it should have risen, or with such a sensor so fast it should be.
+# The sufferer should have risen by the first, or, with such a sensor, have reached the second.
 UNSEEN_RISE_M, SILENT_RISE_MPS = 0.1, 0.25
-GROUND_M, GROUND_MPS = 0.03, 0.1  # no more than this: on the stop
-_LEAST_SHARE, _MOST_SHARE = 0.5, 1.9  # of the weight, that a brake may ask for
+GROUND_M, GROUND_MPS = 0.03, 0.1  # up to these the sufferer is on the stop
+_LEAST_SHARE, _MOST_SHARE = 0.5, 1.9  # of the weight: bounds of what a brake may ask for
 _LAG_S = 0.03  # until a pulse acts: the wire and half a servo frame
 
 
@@ -64,14 +64,14 @@ class Rise:
 
     unseen_m: float = 0.0
     vz_mps: float = 0.0
-    likely_mps: float = 0.0  # its speed by the forces as they are thought to be
-    since_m: float = 0.0  # what the sensor has shown all the time
-    silent_mps: float = 0.0  # its speed at least, while the sensor says the very same
-    held_n: float = 0.0  # of thrust above the weight, when it was last seen to move
+    likely_mps: float = 0.0  # its speed by the forces as they are believed to be
+    since_m: float = 0.0  # the height that the sensor has shown all the time
+    silent_mps: float = 0.0  # its least speed, while the sensor says the very same
+    held_n: float = 0.0  # thrust above the weight when it was last seen to move
 
     @property
     def is_unseen(self) -> bool:
-        """Whether it is beyond doubt: either nothing lifts, or the sensor does not see it."""
+        """Whether it is beyond doubt: either nothing lifts, or the sensor does not see the rise."""
         return self.unseen_m > UNSEEN_RISE_M or self.silent_mps > SILENT_RISE_MPS
 
 
@@ -94,15 +94,15 @@ class BlindPlanner:
 
     @property
     def idle(self) -> BlindPulses:
-        """Nothing to carry: on the stop, motors off."""
+        """The pulses on the stop, where nothing is carried: motors off."""
         return BlindPulses(self._idle_us, self._idle_us)
 
     def reckon(
         self, before: Reckoned, now: Estimate, trim: TrimReader, dt_s: float, *, trusted: bool
     ) -> Reckoned:
-        """One tick on: as estimated where a sample was taken in, else by the forces alone.
+        """One tick on: as estimated if a sample was taken in, else by the forces alone.
 
-        The filter holds the last force that it saw; the wake that caused it may have gone since.
+        The filter holds the last force that it saw; the wake that caused that may have gone since.
         """
         if trusted:
             return Reckoned(now.x_m, now.z_m, now.vz_mps, now.rotor_speed)
@@ -121,7 +121,7 @@ class BlindPlanner:
         *,
         height_known: bool = True,
     ) -> BlindPulses:
-        """What a descent would begin with after `held_us` has been held for `hold_s`."""
+        """The pulses that a descent would begin with once `held_us` was held for `hold_s`."""
         thrust_n, brake_s = trim.trim.thrust_n, self._rig.limits.brake_s
         brake_n = self._weight_n - thrust_n
         if now.is_finite and brake_s > 0.0:
@@ -129,16 +129,16 @@ class BlindPlanner:
             vz_mps = now.vz_mps + self._gained_mps(now, trim, held_us, span_s)
             brake_n += self._mass_kg * (-SINK_MPS - vz_mps) / brake_s
             brake_n -= self._wake_ns(now, trim, span_s) / brake_s
-        # Near the stop a fall is over, or will be: a brake would only throw it up.
+        # Near the stop a fall is over, or soon will be: a brake would only throw the sufferer up.
         most = _MOST_SHARE if now.z_m > _LEAST_HEIGHT_M else 1.0
         least_n, most_n = _LEAST_SHARE * self._weight_n, most * self._weight_n
         sink_n = (1.0 - self._margin(now, trim)) * self._weight_n - thrust_n
-        if not height_known:  # nor is the speed
+        if not height_known:  # the speed is not known either
             sink_n = brake_n = (1.0 - _LEAST_MARGIN) * self._weight_n - thrust_n
         return BlindPulses(self._pulse(min(max(brake_n, least_n), most_n)), self._pulse(sink_n))
 
     def _wake_ns(self, now: Reckoned, trim: TrimReader, span_s: float) -> float:
-        """The impulse [N s] that the wake gives from `span_s` from now on, the source idle then."""
+        """The impulse [N s] of the wake from `span_s` from now on, the source idle from then."""
         held_s = span_s + _SPOOL_DOWN_S
         ahead_s = (span_s + (i + 0.5) * _WAKE_STEP_S for i in range(_WAKE_STEPS))
         return _WAKE_STEP_S * sum(trim.wakes_n(now.x_m, now.z_m, ahead_s, held_s))
@@ -151,12 +151,12 @@ class BlindPlanner:
         return self._force_n(now, trim, thrust_n, wake_n) / self._mass_kg * span_s
 
     def _force_n(self, now: Reckoned, trim: TrimReader, thrust_n: float, wake_n: float) -> float:
-        """The force [N] that is left to accelerate the sufferer."""
+        """The force [N] left to accelerate the sufferer."""
         friction_n = smooth_friction(self._rig.rail, now.vz_mps)
         return thrust_n + trim.trim.thrust_n + wake_n - friction_n - self._weight_n
 
     def _margin(self, now: Reckoned, trim: TrimReader) -> float:
-        """The share of the weight that is left to gravity: the lower, the more."""
+        """The share of the weight left to gravity: the lower the sufferer, the larger."""
         if not now.is_finite:
             return _LEAST_MARGIN
         height_m = max(now.z_m + _RISE_S * max(now.vz_mps, 0.0), _LEAST_HEIGHT_M)
@@ -167,12 +167,12 @@ class BlindPlanner:
     def carried(self, share: float, other_n: float, hover_n: float) -> float:
         """The pulse [µs] that carries a share of the weight beside other forces [N].
 
-        It is that share of what a hover took at most: the curve may be far off.
+        It is at most that share of what a hover took: the curve may be far off.
         """
         return self._pulse(min(share * self._weight_n - other_n, share * hover_n))
 
     def sinking(self, now: Estimate, other_n: float) -> float:
-        """The pulse [µs] towards the speed of a sink, where the height is seen."""
+        """The pulse [µs] that brings a sink to its speed, if the height is seen."""
         wanted_n = self._weight_n - other_n
         wanted_n += self._mass_kg * (-SINK_MPS - now.vz_mps) / _SINKING_S
         least_n = _LEAST_SHARE * min(max(self._weight_n - other_n, 0.0), self._weight_n)
@@ -180,15 +180,16 @@ class BlindPlanner:
         return self._pulse(min(max(wanted_n, least_n), most_n))
 
     def rise(self, before: Rise, now: Estimate, alike: int, trim: TrimReader, dt_s: float) -> Rise:
-        """One tick on: how far the sufferer should have risen near the stop, and is not seen to.
+        """One tick on: how far the sufferer should have risen near the stop without being seen to.
 
-        Only what thrust has above the weight and a wake half as strong again counts, and only while
-        the sensor shows no motion at all. `alike`: samples in a row that said the very same.
+        Only thrust beyond _RISE_SHARE times the weight and _RISE_WAKE times the wake counts, and
+        only while the sensor shows no motion at all. `alike`: samples in a row that said the very
+        same.
         """
         if not now.z_m < _NEAR_M or abs(now.z_m - before.since_m) > _STILL_M:
-            # What the same sample again makes of the filter is no motion.
+            # What the filter makes of the same sample again is no motion.
             last_mps = before.likely_mps if alike > 0 else 0.0
-            # What holds it down while it is still seen to move is no sensor's fault.
+            # A force that holds it down while it is still seen to move is no fault of the sensor's.
             held_n = max(now.rotor_speed**2 - self._weight_n, 0.0)
             return Rise(since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0), held_n=held_n)
         wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
@@ -221,7 +222,7 @@ class BlindPlanner:
 
 
 def on_the_stop(now: Reckoned) -> bool:
-    """Whether motors may stop at once: a fall from here is none."""
+    """Whether motors may stop at once, because a fall from here is none."""
     return now.z_m < GROUND_M and abs(now.vz_mps) < GROUND_MPS
 
 

@@ -9,10 +9,10 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.physics.effects.chain import believed
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 
-# Of the gains, where commands act up to 0.2 s later than the rig file says: half the bandwidth.
+# Shares of the gains if commands act up to 0.2 s later than the rig file says: half the bandwidth.
 _GENTLE = {"kp_n_per_m": 0.25, "ki_n_per_ms": 0.15, "kd_ns_per_m": 0.5}
 
-# The source idles for so long at least: its air is on its way for half a second.
+# The source idles for at least this long: its air is on its way for half a second.
 _SPARED_S = 1.0
 
 
@@ -31,7 +31,7 @@ class ControlState:
 
     integral_n: float = 0.0
     sufferer_us: float = 1000.0
-    spared_ticks: int = 0  # for which the source idles, since thrust was too little
+    spared_ticks: int = 0  # ticks for which the source still idles, since thrust was too little
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Controller:
 
         The reference's speed and acceleration are known and smooth, so they are fed forward; the
         derivative otherwise acts on the measurement alone. `other_n` is the force [N] beside thrust
-        and weight, which the way to a stop depends on. `gently` lands where the loop swings.
+        and weight, which the way to a stop depends on. `gently` lands while the loop swings.
         `acts_known`: commands act when they should.
         """
         gains = self._gentle if gently else self._rig.control
@@ -85,7 +85,7 @@ class Controller:
         base_n = self._hover_n + self._rig.sufferer.mass_kg * aim.az_mps2
         base_n += smooth_friction(self._rig.rail, aim.vz_mps)
         demand_n = base_n + p_n + d_n + integral_n + feedforward_n
-        # Where pulses act late, or the height is mostly noise, nobody knows the way to a stop.
+        # If pulses act late, or the height is mostly noise, nobody knows the way left to a stop.
         is_sure = acts_known and not estimate.has_strays
         stops = self._stops.ahead(estimate, other_n) if is_sure else Bounds()
         wanted_us = self._pulse(min(max(demand_n, stops.least_n), stops.most_n))
@@ -116,7 +116,7 @@ class Controller:
         return self._limited(min(max(wanted_us, before_us - most_us), before_us + most_us))
 
     def _winds_up(self, sufferer_us: float, wanted_us: float, error_m: float) -> bool:
-        """Whether the motor is at an end and the error pushes further against it."""
+        """Whether the motor is at an end of its range and the error pushes it further."""
         low, high = self._rig.limits.pulse_us
         at_top = sufferer_us >= high or sufferer_us < wanted_us - 1e-6
         at_bottom = sufferer_us <= low or sufferer_us > wanted_us + 1e-6

@@ -1,7 +1,7 @@
 """Changed copies of the frozen records that a tick carries.
 
 `dataclasses.replace` asks every field what it is and runs `__init__` through `object.__setattr__`.
-At forty copies a tick that would be a third of the loop's computing; this takes a fifth of it.
+With forty copies a tick that would be a third of the loop's computing; this takes a fifth of it.
 """
 
 import functools

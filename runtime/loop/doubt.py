@@ -1,16 +1,16 @@
 """Whether predictions explain the force that the sufferer feels better than no prediction would.
 
 In: each tick's prediction, and the force that the estimator finds without it. Out: doubt. A model
-may be wrong about this rig, this air, or the sign of its force; its own numbers do not say so.
+may be wrong about this rig, this air, or the sign of its force, and its own numbers do not show it.
 """
 
 import math
 from collections import deque
 from dataclasses import dataclass
 
-WINDOW_S = 0.5  # over which the two errors are averaged
+WINDOW_S = 0.5  # the two errors are averaged over this
 MOST_LEFT = 0.7  # of the force's mean square: a prediction that explains less is worth nothing
-# What an estimate of the force is off by, and a thrust that is a few per cent off its curve.
+# The error of an estimated force, and of a thrust that is a few per cent off its curve.
 FORCE_FLOOR_N = 0.3
 FLOOR_SHARE = 0.07  # of the weight, for sufferers of another size
 
@@ -23,7 +23,7 @@ class Doubt:
     whole_n2: float = 0.0
 
     def exceeds(self, floor_n: float) -> bool:
-        """Whether the prediction leaves over most of what there was, and more than a floor."""
+        """Whether the prediction leaves over most of the force, and more than a floor."""
         return self.left_n2 > MOST_LEFT * self.whole_n2 + floor_n**2
 
 
@@ -38,7 +38,7 @@ def weighed(before: Doubt, force_n: float, predicted_n: float, dt_s: float) -> D
 
 
 class Doubter:
-    """Predictions on their way to the time that they are for, and the doubt so far."""
+    """Holds predictions until the time that they are for, and the doubt so far."""
 
     def __init__(self, lead_s: float, weight_n: float) -> None:
         self._lead_s = lead_s
@@ -49,7 +49,7 @@ class Doubter:
         self.doubt = Doubt()
 
     def predicted(self, t_s: float, force_n: float) -> None:
-        """A prediction was made at `t_s`, used or not."""
+        """Take in a prediction made at `t_s`, used or not."""
         self._waiting.append((t_s + self._lead_s, force_n))
 
     def step(self, t_s: float, force_n: float) -> bool:

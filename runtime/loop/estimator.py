@@ -34,28 +34,28 @@ _UNFORESEEN_SD_N = 0.25  # … or, with the wake forecast, by what forecasts lea
 _ACCELERATION_SD_MPS2 = 0.3  # what the thrust model leaves open, per tick
 _STEP_ACCELERATION_SD_MPS2 = 2.0
 _GATE_SD = 5.0
-# Samples in a row with the same value in the air. One in a thousand repeats so often by chance;
-# a sensor that holds its readings does, too. What it says then is no news.
+# Samples in a row with the same value in the air. One in a thousand repeats this often by chance;
+# a sensor that holds its readings does so, too. A further sample of that value is no news.
 SAME_TICKS = 3
-_PERSISTENT = 4  # that many rejected samples in a row are no outliers …
+_PERSISTENT = 4  # this many rejected samples in a row are no outliers …
 _SCATTER_M = 0.1  # … unless they go to and fro by this much, as no motion does
-_PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known
-_PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
-# For as long as the board waits for commands it holds the last pulse: forces change by a wake only.
+_PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known …
+_PAUSE_SD_MPS = 1.0  # … nor is the speed, by about this much
+# While the board waits for commands it holds the last pulse: only a wake changes forces.
 _HELD_S, _HELD_SD_MPS2 = 0.14, 3.0
-_GATED_NOISE = 25.0  # of it in the gate: more would let strays in
-_STRAY_TICKS = 12.0  # over which a share of strays is averaged
-_SWING = 2.0  # a stray is off by half as much from the sample before as from the filter, at least
-_CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
-_STARTLED = 9.0  # an innovation's square over its variance, after which a forecast is not believed
-_PUSH_SD_N, _PUSH_AGO_S, _PUSH_ABOVE_M = 3.0, 0.1, 0.03  # of which nothing else is known
-_UNSURE_MPS = 0.5  # with so little known of the speed, one goes on without the first reading, too
+_GATED_NOISE = 25.0  # times the sensor's variance: more in the gate would let strays in
+_STRAY_TICKS = 12.0  # a share of strays is averaged over this
+_SWING = 2.0  # a stray is off by at least half as much from the sample before as from the filter
+_CARRIED_SHARE = 0.3  # of the weight: with less, a reading off the stop is the sensor's own error
+_STARTLED = 9.0  # an innovation's square over its variance; above it a forecast is not believed
+_PUSH_SD_N, _PUSH_AGO_S, _PUSH_ABOVE_M = 3.0, 0.1, 0.03  # a push of which nothing else is known
+_UNSURE_MPS = 0.5  # sd of the speed above which a filter also goes on without the first reading
 
 
 class Estimator:
     """The filter's constants for one rig, and its two pure steps.
 
-    What the rig file's effects say of its constants, of delays and of the range sensor is believed.
+    It believes what the rig file's effects say of its constants, of delays and of the range sensor.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -82,12 +82,12 @@ class Estimator:
 
         `pulses_us`: the sufferer's commands of the tick before last and of the last tick; the later
         one acts from the command delay on. `wake_n`: the wake's force [N] as it was forecast for
-        this time, if it was; the disturbance is what that leaves over.
+        this time, if it was; the disturbance is what the forecast leaves over.
         """
         after = self._stepped(before, measured, pulses_us, wake_n)
         if before.unpushed is None or after.unpushed is not before.unpushed:
             return after
-        unaware = replace(measured, acts_known=False)  # where no push is told
+        unaware = replace(measured, acts_known=False)  # then no push is reported
         without = self._stepped(before.unpushed, unaware, pulses_us, wake_n)
         return judged(after, replace(without, unpushed=None))
 
@@ -174,9 +174,10 @@ class Estimator:
         return height, cov
 
     def _resting(self, now: Estimate, thrust_n: float) -> bool:
-        """On the stop with too little thrust to leave it: the stop carries the weight.
+        """Whether the sufferer is on the stop with too little thrust to leave it.
 
-        Unless it is seen to leave although the motor carries a part only: something else lifts it.
+        It is not if it is seen to leave although the motor carries only a part: something else
+        lifts it.
         """
         weight_n = self._rig.sufferer.mass_kg * GRAVITY_MPS2
         is_near = now.z_m < 0.02 and now.vz_mps < 0.05 and thrust_n < 0.98 * weight_n
@@ -184,7 +185,7 @@ class Estimator:
         return is_near and not (lifts and thrust_n > _CARRIED_SHARE * weight_n)
 
     def _after_a_push(self, now: Estimate) -> Estimate:
-        """The state as it may be if something has begun to push, of which nothing is known yet."""
+        """The state if an unknown push has just begun."""
         ago_s, mass_kg = _PUSH_AGO_S, self._rig.sufferer.mass_kg
         moved = _PUSH_SD_N * np.array([0.5 * ago_s**2 / mass_kg, ago_s / mass_kg, 1.0])
         height_cov = now.height_cov + np.outer(moved, moved)
@@ -203,7 +204,7 @@ class Estimator:
             return unseen
         if measured.same > SAME_TICKS:
             return replace(unseen, stale_s=unseen.stale_s + 1.0 / LOOP_RATE_HZ)
-        # What it moved while the sensor stood still is not known.
+        # How far it moved while the sensor said the same is not known.
         now = replace(_after_a_pause(unseen, unseen.stale_s), stale_s=0.0)
         age_s = measured.range_age_s + self._range_delay_s
         range_m = (measured.range_m - self._range_bias_m) / self._range_scale
@@ -233,13 +234,13 @@ class Estimator:
     def _noted(
         self, now: Estimate, measured: Measurement, taken_s: float, range_m: float, row: FloatArray
     ) -> tuple[Estimate, float]:
-        """The state with what the innovation tells of noise and pushes; the reading's variance."""
+        """The state with what the innovation says of noise and pushes; the reading's variance."""
         innovation_m = range_m - float((row @ now.height)[0])
         noise_var = self._range_var * now.noise_scale
         variance = _along(row, now.height_cov) + noise_var
         before = now
         if now.height_cov[1, 1] > _UNSURE_MPS**2 and now.unpushed is None:
-            # After a pause a single reading would tell the speed, and it may be a stray.
+            # After a pause a single reading would set the speed, and it may be a stray.
             before = set_apart(now, now)
         lately = with_another(now.lately, (taken_s, range_m, innovation_m))
         sudden_var = sudden_m(lately) ** 2
@@ -254,14 +255,14 @@ class Estimator:
         seen = surprised(added_up(seen, acts_known=measured.acts_known))
         if is_sudden:
             return replace(seen, pushed=(0.0, 0.0)), max(sudden_var, noise_var)
-        # The stop itself pushes what sinks onto it; and the same reading again is no news.
+        # The stop pushes whatever sinks onto it; and the same reading again is no news.
         is_clear = (now.z_m > _PUSH_ABOVE_M or now.vz_mps > 0.0) and measured.alike == 0
         if tells_of_a_push(seen) and is_clear:
             seen = self._after_a_push(set_apart(seen, before))
         return seen, noise_var
 
     def _strays_counted(self, seen: Estimate, state_var: float, before_m: float) -> Estimate:
-        """The share of strays with this reading, `before_m` the innovation before it."""
+        """The share of strays with this reading; `before_m` is the innovation before it."""
         out_var = _GATE_SD**2 * (state_var + self._range_var)
         # To and fro: a model that is wrong about the motion is off, too, but by nearly the same.
         swing_m = seen.innovation_m - before_m if math.isfinite(before_m) else 0.0
@@ -286,13 +287,13 @@ def _least_off_m(seen: Estimate) -> float:
 
 
 def _rejects(seen: Estimate, range_m: float) -> tuple[float, float, float]:
-    """Of the rejected readings with this one: first, last, path [m]."""
+    """First, last and path [m] of the rejected readings, this one included."""
     first_m, last_m, path_m = seen.rejects if seen.rejected else (range_m, range_m, 0.0)
     return first_m, range_m, path_m + abs(range_m - last_m)
 
 
 def _rejected(seen: Estimate, range_m: float) -> Estimate:
-    """The state without this reading; after too many that are scattered the count begins anew."""
+    """The state without this reading; after too many scattered ones the count begins anew."""
     off_m = _least_off_m(seen)
     if seen.rejected >= _PERSISTENT:
         return replace(seen, rejected=1, off_m=off_m, rejects=(range_m, range_m, 0.0))
@@ -301,7 +302,7 @@ def _rejected(seen: Estimate, range_m: float) -> Estimate:
 
 
 def _after_a_pause(now: Estimate, passed_s: float) -> Estimate:
-    """The state with what it does not know of a time in which the loop stood still."""
+    """The state after a time in which the loop stood still, with what it cannot know of that."""
     if passed_s <= _PAUSE_S:
         return now
     if passed_s <= _HELD_S:

@@ -1,4 +1,4 @@
-"""What becomes of a tick's prediction: asked for, checked, doubted, and let through the gate.
+"""What becomes of a tick's prediction: it is asked for, checked, doubted, and gated.
 
 In: the predictions' source, and what the pilot estimates. Out: a force to feed forward, or why not.
 """
@@ -39,7 +39,7 @@ class Forecasting:
         self._gate = Gate()
 
     def ask(self, state: PilotState, aim: Reference, t_s: float, deadline_s: float) -> Prediction:
-        """Ask the model and wait until the deadline; what cannot be used resets its memory."""
+        """Ask the model and wait until the deadline; an unusable result resets its memory."""
         if self._worker is None or self._doubter is None:
             return Prediction()
         asked = self._asked(self._worker, state, aim, deadline_s)

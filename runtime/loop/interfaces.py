@@ -42,7 +42,7 @@ class Wire(Protocol):
 
     @property
     def unanswered_since_s(self) -> float | None:
-        """When the oldest frame left that neither it nor a later one was answered; None: none."""
+        """When the oldest frame left that is unanswered, like all after it; None without one."""
 
     def arm(self, limits: Arm) -> Status:
         """Arm with these limits; the board's answer."""

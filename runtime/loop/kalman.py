@@ -2,8 +2,8 @@
 
 The same equations in the same order as filterpy's `predict` and `update` (Labbe), which the tests
 compare them with: the covariance after a measurement is Joseph's form. What a general filter does
-beside them, an inverse by LAPACK above all, takes the loop longer than the equations, and its
-libraries take a process 60 MB.
+besides, mostly an inverse by LAPACK, takes the loop longer than the equations, and its libraries
+take a process 60 MB.
 """
 
 import functools

@@ -1,10 +1,10 @@
 """Whether the range sensor shows the past: readings older than their stamps say.
 
 In: each tick's measurement, and the commands before it. Out: evidence, and the estimate of a filter
-that believes in late readings. A stamp cannot show that it lies; the motion can. Two more filters
-expect each reading to show what the commands of some ticks before have done. Where one of them
-foresees the readings better than the loop's own filter, tick after tick, the readings are late
-(Page 1954). A wake does not do this: no filter foresees it, and all are surprised alike.
+that believes in late readings. A stamp cannot show that it lies, but the motion can. Two more
+filters expect each reading to show what the commands of some ticks before have done. If one of
+them foresees the readings better than the loop's own filter, tick after tick, the readings are
+late (Page 1954). A wake does not look like this: no filter foresees it, and all are surprised.
 """
 
 import math
@@ -20,10 +20,10 @@ from runtime.loop.pilot import PilotState
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 
 LATE_TICKS = (3, 6)  # a tenth and a fifth of a second
-_MOST_A_TICK = 1.5  # a stray counts as this much, whatever it is
-_FORESEEN = 9.0  # an innovation's square over its variance, up to which a reading was foreseen
-_AIRBORNE_M = 0.05  # nearer, the stop moves the sufferer, too
-_REFUTED = 6.0  # log likelihood of the loop's own filter over an adopted one, to go back to it
+_MOST_A_TICK = 1.5  # a stray counts as this much at most
+_FORESEEN = 9.0  # an innovation's square over its variance; up to it a reading was foreseen
+_AIRBORNE_M = 0.05  # nearer to it, the stop moves the sufferer, too
+_REFUTED = 6.0  # log likelihood of the loop's own filter over an adopted one, to return to it
 
 Acted = tuple[tuple[float, float], float | None]  # pulses [µs] of a tick, and its wake [N]
 
@@ -40,19 +40,19 @@ class Lateness:
         self._own_estimate: Estimate | None = (
             None  # of the loop's own filter, while another is believed
         )
-        self._against = 0.0  # evidence against that one
+        self._against = 0.0  # evidence against the adopted one
         self._is_refuted = False
         self._waiting: tuple[PilotState, PilotState, Measurement] | None = None
 
     @property
     def evidence(self) -> float:
-        """Log likelihood of the best of them over the loop's own filter, since it last was less."""
+        """Log likelihood of the best of them over the loop's own filter since it was last less."""
         return max(self._evidence.values())
 
     def step(self, before: PilotState, now: PilotState, measured: Measurement) -> PilotState:
-        """One tick: the state as the loop's filter has it, or as one has it that was adopted.
+        """One tick: the state by the loop's own filter, or by the adopted one.
 
-        Until one is adopted the command waits for neither: `catch_up` follows it.
+        Until one is adopted the command does not wait for the filters: `catch_up` runs them later.
         """
         self._waiting = None if self._adopted is not None else (before, now, measured)
         if self._adopted is None:
@@ -65,7 +65,7 @@ class Lateness:
         return replace(now, estimate=self._present(now.estimate))
 
     def catch_up(self) -> None:
-        """The command is on its way: what the tick's reading tells, for the next tick."""
+        """Take in the tick's reading for the next tick; the command is already on its way."""
         if self._waiting is not None:
             self._follow(*self._waiting)
 
@@ -97,12 +97,12 @@ class Lateness:
         return own_estimate
 
     def adopt(self) -> None:
-        """From now on the likeliest is believed, unless the loop's own filter proves better."""
+        """Believe the likeliest filter from now on, unless the loop's own proves better."""
         if self._adopted is None and not self._is_refuted:
             self._adopted = max(self._evidence, key=self._evidence.__getitem__)
 
     def _present(self, now: Estimate) -> Estimate:
-        """What the adopted filter makes of the present: its past, and the commands since then."""
+        """The present by the adopted filter: its past state, and the commands since then."""
         ticks = self._adopted or 0
         then = self._rivals[ticks]
         since = list(self._acted)[-ticks:]
@@ -115,10 +115,10 @@ class Lateness:
 
 
 def _for_the_rival(own_estimate: Estimate, rival: Estimate) -> float:
-    """One reading's log likelihood of the rival over the loop's own filter; 0 where none came.
+    """One reading's log likelihood of the rival over the loop's own filter; 0 without a reading.
 
-    What surprises both, as a push does, is nothing for the rival. Noise favours neither: the larger
-    it is, the farther do two sums of it stray apart.
+    What surprises both, as a push does, does not count for the rival. Noise favours neither: the
+    larger it is, the farther two sums of it stray apart.
     """
     is_judged = own_estimate.z_m > _AIRBORNE_M and math.isfinite(
         own_estimate.innovation_m + rival.innovation_m

@@ -38,20 +38,20 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
-KNOWN_TICKS = 3  # with the same answer, after which nobody knows which pulses act
-SILENT_S = 2.0 * PERIOD_S  # without an answer, after which nobody knows what the board hears
+KNOWN_TICKS = 3  # after this many ticks with the same answer nobody knows which pulses act
+SILENT_S = 2.0 * PERIOD_S  # after this long without an answer nobody knows what the board hears
 WRITE_MARGIN_S = 0.003  # kept for control and write when the wait for a prediction ends
 
 Row = dict[str, LogValue]
 
 
 def budget_s(rig: Rig) -> float:
-    """What the Pi may take between measurement and command: the period less the round trip [s]."""
+    """The Pi's time between measurement and command: the period less the round trip [s]."""
     return PERIOD_S - rig.latency.round_trip_s
 
 
 def prediction_wait_s(rig: Rig) -> float:
-    """How long after a tick's start its prediction is waited for [s]."""
+    """How long after a tick's start the loop waits for its prediction [s]."""
     return budget_s(rig) - WRITE_MARGIN_S
 
 
@@ -68,7 +68,7 @@ def require_wait(rig: Rig) -> None:
 class Loop:
     """One run: rest, flight, rest; `run` it once. `beat` is called after every tick.
 
-    What each stage of a tick takes is in its row, unless it is not `is_timed`: on a simulated clock
+    A tick's row holds the time that each stage took, if the loop `is_timed`: on a simulated clock
     computing takes no time.
     """
 
@@ -103,7 +103,7 @@ class Loop:
         self._range_door, self._answer_door = RangeDoor(rig), AnswerDoor(rig)
         self._finished, self._rested = False, 0
         self._late_writes = 0  # commands in a row that went out after their tick was over
-        self.error: Exception | None = None  # of the program, after which the flight landed
+        self.error: Exception | None = None  # of the program; after it the flight landed
         self.last_reset = Fault.NONE  # of a board that restarted in flight
         self.stop_asked = False
         self.tally = Tally(PERIOD_S)
@@ -121,8 +121,8 @@ class Loop:
     def run(self) -> Tally:
         """Arm, fly, come to rest. The motors are idle when it returns or raises.
 
-        Raises UnusableInput when the carriage is not at home, from where steps are counted, or a
-        flight's battery is not there.
+        Raises UnusableInput if the carriage is not at home, where its steps are counted from, or if
+        a flight's battery is not there.
         """
         armed = self._link.arm(self._limits)
         try:
@@ -158,12 +158,12 @@ class Loop:
         return self.tally
 
     def _look_for_a_stop(self) -> None:
-        """Whoever looks on may ask for the way down, as Ctrl-C does."""
+        """An onlooker may ask for the way down, as Ctrl-C does."""
         if self._onlooker is not None and self._onlooker.stop_asked():
             self.stop_asked = True
 
     def _wait_for_a_board_that_hears_nothing(self) -> None:
-        """It cannot be disarmed: its own descent ends in idle motors, and so does the run."""
+        """Wait for a board that cannot be disarmed: its own descent ends in idle motors."""
         descent_s = DEADMAN_S + ladder_s(self._rig.limits)
         while not self._plan.motors_off:
             since_s = self._link.unanswered_since_s
@@ -173,14 +173,14 @@ class Loop:
             self._clock.sleep(PERIOD_S)
 
     def _let_the_deadman_land(self) -> None:
-        """Without commands the board brings the sufferer down by itself; disarmed, it drops it."""
+        """Wait: without commands the board lands the sufferer; disarmed, it would drop it."""
         if not self._flies:
             return
         limits = self._rig.limits
         self._clock.sleep(DEADMAN_S + max(limits.source_descent_s, ladder_s(limits)))
 
     def _look_for_a_reboot(self) -> None:
-        """A board that restarted answers no command, as behind a cut cable; a greeting it does."""
+        """A restarted board answers no command, as behind a cut cable; it answers a greeting."""
         if "link_lost" not in self.failsafe_cause:
             return
         status = self._link.greet_again()
@@ -191,7 +191,7 @@ class Loop:
             self._safety = replace(self._safety, cause=cause)
 
     def _ending(self) -> str:
-        """How the flight ended, as its summary says it."""
+        """How the flight ended, for its summary."""
         cause = self.failsafe_cause
         stopped = cause == () and self.stop_asked and not self._finished
         if stopped or cause[:1] == ("operator_stop",):
@@ -201,10 +201,10 @@ class Loop:
         return "whole" if self._finished else "broken off"
 
     def _guarded_tick(self, tick: Tick) -> None:
-        """A tick, and what is left of it where the program fails in flight: the way down.
+        """A tick; if the program fails in it in flight, the way down takes its place.
 
-        From the first error on nothing is predicted, and no log or watch can end a tick. What fails
-        even so leaves the pulses of a blind descent.
+        After the first error nothing is predicted, and no log or watch can end a tick. If something
+        still fails, the pulses of a blind descent remain.
         """
         try:
             self._tick(tick)
@@ -220,7 +220,7 @@ class Loop:
             self._sink()
 
     def _tick(self, tick: Tick) -> None:
-        """The order of everything."""
+        """One tick's steps in their order."""
         laps = Laps(self._clock)
         reading, seen, heard, measured = self._read()
         laps.mark("t_read_s")
@@ -248,7 +248,7 @@ class Loop:
             self._score_and_log(row, tick)
 
     def _score_and_log(self, row: Row, tick: Tick) -> None:
-        """The command is on its way: nothing waits for the score and the log."""
+        """Score and log after the command is on its way, so that it does not wait for them."""
         if self._watch is not None:
             row["gap_score"] = self._watch.step(row)
         self._record(row, tick)
@@ -256,7 +256,7 @@ class Loop:
             self._onlooker.put(row | {"force_now_n": self._state.unexplained_n})
 
     def _sink(self) -> None:
-        """A blind descent's pulses and nothing else; where they do not go out, the board's own."""
+        """Send a blind descent's pulses only; if they do not go out, the board has its own."""
         self._safety = safety.watch(self._safety, Findings(tick_failed=True), self._rig.limits)
         command = self._way_down.sink(self._clock.monotonic() - self._origin_s)
         self._finished |= command is None
@@ -265,7 +265,7 @@ class Loop:
                 self._write(command)
 
     def _read(self) -> tuple[RangeReading, Seen, Heard, Measurement]:
-        """The newest range sample and the newest status; neither is waited for."""
+        """The newest range sample and the newest status, without waiting for either."""
         now_s = self._clock.monotonic()
         reading, answer = self._ranges.newest, self._link.answer
         assert reading is not None  # the first one was waited for before arming
@@ -360,7 +360,7 @@ class Loop:
             self._lateness.adopt()
 
     def _stalled_s(self, now_s: float, reading: RangeReading) -> float:
-        """The time since the last tick [s]; what stood still before a failsafe is remembered."""
+        """The time since the last tick [s]; a pause before a failsafe is remembered."""
         stalled_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
         self._last_tick_s = now_s
         if not self._safety.cause:  # later ones explain nothing
@@ -369,7 +369,7 @@ class Loop:
         return stalled_s
 
     def _read_signs(self, measured: Measurement, battery_v: float) -> Signs:
-        """What the motion says of faults that name themselves nowhere."""
+        """What the motion shows of faults that report themselves nowhere."""
         estimate = self._state.estimate
         self._signs = self._sign_reader.step(
             self._signs,
@@ -383,7 +383,7 @@ class Loop:
         return self._signs
 
     def _range_late(self) -> float:
-        """Evidence that readings are late; less of it counts where the loop does not swing."""
+        """Evidence that readings are late; less counts if the loop does not swing."""
         evidence = self._lateness.evidence if self._flies else 0.0
         if self._way_down.unexplained_sd_n > safety.SWINGING_SD_N:
             return evidence
@@ -414,7 +414,7 @@ class Loop:
         else:
             self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
         if measured.steps_repeats > OLD_TICKS and self._flies:
-            command = replace(command, carriage_mps=0.0)  # nobody knows where it is
+            command = replace(command, carriage_mps=0.0)  # nobody knows where the carriage is
         self._way_down.commanded(command, flies=self._flies)
         return aim, command, terms
 
@@ -455,7 +455,7 @@ class Loop:
         )
 
     def _reported(self, reading: RangeReading, heard: Heard, prediction: Prediction) -> Row:
-        """What board and sensor told, for the log; a status is logged with its round trip once."""
+        """What board and sensor said, for the log; a status is logged once, with its round trip."""
         answer, status = heard.answer, heard.answer.status
         return {
             "force_pred_n": prediction.logged_n,
@@ -478,12 +478,12 @@ class Loop:
         if overran:
             row["faults"] = "+".join(filter(None, (str(row["faults"]), "overrun")))
         if self._recorder is not None:
-            # What only some rigs know is no column of the others' logs, rather than an empty one.
+            # A column that only some rigs know is missing in the others' logs, rather than empty.
             self._recorder.put({name: value for name, value in row.items() if value is not None})
         self.tally.add(row, tick.late_s, tick.skipped, overran=overran)
 
 
 def applied_s(answer: Answer) -> float:
-    """When the newest pulses reached the pins [s, monotonic], late by the answer's own way."""
+    """When the newest pulses reached the pins [s, monotonic]; late by the answer's way."""
     ago_us = (answer.mcu_time_us - answer.status.applied_time_us) % TIME_WRAP_US
     return answer.received_s - ago_us * 1e-6

@@ -1,7 +1,7 @@
 """One tick of the gantry's loop as pure steps: estimate → observe → (predict) → control.
 
-`runtime.loop.loop` calls them in this order, at the rig and in simulated flights; what differs is
-only where measurements come from and how long a prediction may take. A tick's row of the run log is
+`runtime.loop.loop` calls them in this order, at the rig and in simulated flights; only where
+measurements come from and how long a prediction may take differ. A tick's row of the run log is
 made here, too.
 """
 
@@ -60,12 +60,12 @@ class Pilot:
         self._controller = Controller(rig, 1.0 / rate_hz)
 
     def initial(self, t_s: float) -> PilotState:
-        """At rest on the stop, carriage homed, motors idle."""
+        """The state at rest on the stop: carriage homed, motors idle."""
         idle_us = self.rig.limits.pulse_us[0]
         return PilotState(initial_estimate(t_s), self._controller.initial(), idle_us, idle_us)
 
     def estimate(self, state: PilotState, measured: Measurement) -> PilotState:
-        """Take in a measurement, knowing the commands and the wake forecast for this time."""
+        """Take in a measurement, with the commands and the wake forecast for this time."""
         pulses = (state.before_last_us, state.last_us)
         acting = [force_n for due_s, force_n in state.forecasts if due_s <= measured.t_s]
         wake_n = acting[-1] if acting else None
@@ -78,7 +78,7 @@ class Pilot:
         )
 
     def spared(self, state: PilotState, aim: Reference) -> Reference:
-        """The aim with an idle source, as long as thrust was too little beside its wake."""
+        """The aim, with an idle source while thrust is too little beside its wake."""
         if not state.control.spared_ticks:
             return aim
         return replace(aim, source_us=self.rig.limits.pulse_us[0])
@@ -99,8 +99,8 @@ class Pilot:
     ) -> tuple[PilotState, Command, Terms]:
         """The command for this tick, with `feedforward_n` added to the thrust demand.
 
-        The feedforward is the opposite of the wake force expected `lead_s` from now; None flies by
-        PID alone and tells the estimator to expect any wake. `gently`, `acts_known`: see the
+        The feedforward is the opposite of the wake force expected `lead_s` from now. None flies by
+        PID alone and makes the estimator expect any wake. For `gently` and `acts_known` see the
         controller.
         """
         control, command, terms = self._controller.step(

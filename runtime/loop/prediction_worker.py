@@ -1,8 +1,8 @@
-"""Predictions with a time limit: the model runs in a thread of its own, the loop waits so long.
+"""Predictions with a time limit: the model has a thread of its own, and the loop's wait ends.
 
-onnxruntime lets go of the interpreter's lock while it computes, so the wait can end in time. A
-result that comes late is not used, but the model's memory has seen its observation all the same.
-C, whose steps all take the same time, needs no thread where that time is short.
+onnxruntime releases the interpreter's lock while it computes, so the wait can end in time. A late
+result is not used, but the model's memory has still seen its observation. C takes the same time
+for every step and needs no thread if that time is short.
 """
 
 import math
@@ -22,7 +22,7 @@ from wakedeploy.core.manifest import Manifest
 
 FloatArray = npt.NDArray[np.float32]
 
-AT_ONCE_S = 0.001  # a bounded step as short as that is not worth the waking of a thread, 0.15 ms
+AT_ONCE_S = 0.001  # waking a thread, 0.15 ms, is not worth it for a bounded step this short
 WARM_UP_CALLS = 50
 WARM_UP_LIMIT_S = 30.0
 MOST_WAITING = 32  # observations; with more the memory is given up and filled anew
@@ -53,24 +53,24 @@ class Result:
 
 
 class Predictions(Protocol):
-    """What the loop asks: a force by a deadline. Trained ranges `low` and `high` are (d,)."""
+    """Where the loop asks for a force by a deadline. Trained ranges `low` and `high` are (d,)."""
 
     lead_s: float
     low: FloatArray
     high: FloatArray
 
     def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
-        """The force for an observation (d,), or None when it is not there by `deadline_s`."""
+        """The force for an observation (d,); None if it is not there by `deadline_s`."""
 
     def is_possible(self, force_n: float) -> bool:
-        """Whether training has shown that a force [N] can be; False for NaN."""
+        """Whether training has shown that a force [N] is possible; False for NaN."""
 
     def reset(self) -> None:
-        """Let the memory be filled anew by the observations from now on."""
+        """Forget the memory; the observations from now on fill it anew."""
 
 
 def predicted(predictor: Stepper, observation: FloatArray) -> Result:
-    """One step of a predictor; NaN, which degrades the mode, where it fails."""
+    """One step of a predictor; if it fails, NaN, which degrades the mode."""
     try:
         force_n = float(predictor.step(observation)[0])
     except Exception:  # onnxruntime's exceptions have no common base
@@ -79,10 +79,10 @@ def predicted(predictor: Stepper, observation: FloatArray) -> Result:
 
 
 class PredictionWorker:
-    """Owns a predictor and its thread; warms up first, paced as the loop is.
+    """Owns a predictor and its thread; warms it up at the loop's pace.
 
-    Steps that are `bounded` (they wait for nothing and do the same work each time) are done by the
-    caller itself once the warm-up has shown that they are short; the thread is over then.
+    Steps that are `bounded` (they wait for nothing and always do the same work) are done by the
+    caller itself if the warm-up has shown that they are short; the thread then ends.
     """
 
     def __init__(self, predictor: Stepper, period_s: float, *, bounded: bool = False) -> None:
@@ -103,7 +103,7 @@ class PredictionWorker:
         self._thread.start()
 
     def wait_until_warm(self) -> None:
-        """Return when the warm-up calls are over; CheckFailed when they take too long."""
+        """Return when the warm-up calls are over; CheckFailed if they take too long."""
         if not self._warm.wait(WARM_UP_LIMIT_S):
             raise CheckFailed(
                 f"The model's {WARM_UP_CALLS} warm-up calls were not over after "
@@ -112,7 +112,7 @@ class PredictionWorker:
             )
 
     def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
-        """The force for an observation (d,), or None when it is not there by `deadline_s`."""
+        """The force for an observation (d,); None if it is not there by `deadline_s`."""
         if self._at_once:
             result = predicted(self._predictor, observation)
             return result if time.monotonic() < deadline_s else None
@@ -126,11 +126,11 @@ class PredictionWorker:
         return self._await(deadline_s)
 
     def is_possible(self, force_n: float) -> bool:
-        """Whether training has shown that a force [N] can be; False for NaN."""
+        """Whether training has shown that a force [N] is possible; False for NaN."""
         return self._predictor.manifest.force[0].is_possible(force_n)
 
     def reset(self) -> None:
-        """Let the memory be filled anew by the observations from now on."""
+        """Forget the memory; the observations from now on fill it anew."""
         self._lost_one = False
         if self._at_once:
             self._predictor.reset()

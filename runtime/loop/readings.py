@@ -1,6 +1,6 @@
-"""The door for range samples: what a sensor cannot mean, or says again and again, stays outside.
+"""The door for range samples: it refuses what a sensor cannot mean, or says again and again.
 
-In: readings as they come. Out: what the estimator may take in, and for how long nothing has come.
+In: readings as they come. Out: what the estimator may take in, and how long nothing has come.
 """
 
 import math
@@ -12,11 +12,11 @@ from runtime.loop.silent_faults import may_repeat
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import unplaced_constants
 
-ABOVE_M, BELOW_M = 0.3, 0.1  # past the stops, that noise, outliers and calibration can reach
-# Nearer, a sensor that cannot say less than nothing says the same again and again.
+ABOVE_M, BELOW_M = 0.3, 0.1  # past the stops: noise, outliers and calibration reach this far
+# Nearer, a sensor that cannot read below zero says the same again and again.
 NEAR_M, NEAR_SD = 0.02, 4.0
-AHEAD_S = 0.005  # by which a sample's stamp may lie in the future: two clocks' resolution
-MOST_SILENCE_S = 2.0 / LOOP_RATE_HZ  # that one look can add
+AHEAD_S = 0.005  # how far a sample's stamp may lie in the future: two clocks' resolution
+MOST_SILENCE_S = 2.0 / LOOP_RATE_HZ  # the most that one look can add
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +26,14 @@ class Seen:
     range_m: float
     age_s: float
     repeats: int  # ticks since this sample was new
-    is_bad: bool = False  # good by its own status, and impossible
-    same: int = 0  # samples in a row that are new by their stamps, and the same, off the stop
-    alike: int = 0  # the same wherever they are: on the stop half of all may say zero
+    is_bad: bool = False  # good by its own status, but impossible
+    same: int = 0  # samples in a row that are new by their stamps but the same, off the stop
+    alike: int = 0  # the same anywhere: on the stop half of all may read zero
     silence_s: float = 0.0  # since the last new sample that can be believed
 
 
 class RangeDoor:
-    """What it remembers from tick to tick: the newest stamp, and how often a value came."""
+    """Remembers from tick to tick the newest stamp, and how often a value came."""
 
     def __init__(self, rig: Rig) -> None:
         constants = unplaced_constants(rig)
@@ -53,7 +53,7 @@ class RangeDoor:
         self._newest_us = reading.sensor_time_us
         age_s = now_s - reading.sensor_time_s
         is_possible = self._is_possible(reading, age_s)
-        # A loop that stood still could not look: that is no silence of the sensor's.
+        # A loop that stood still could not look: that is no silence of the sensor.
         passed_s, self._looked_s = now_s - self._looked_s, now_s
         self._silence_s += min(passed_s, MOST_SILENCE_S) if passed_s > 0.0 else 0.0
         if is_new and is_possible:
@@ -72,6 +72,6 @@ class RangeDoor:
         )
 
     def _is_possible(self, reading: RangeReading, age_s: float) -> bool:
-        """Whether value and stamp are a rig's, and not those of a fault. NaN is not."""
+        """Whether value and stamp can be a rig's, and not a fault's; False for NaN."""
         in_range = self._low_m <= reading.range_m <= self._high_m
         return in_range and -AHEAD_S <= age_s <= SAMPLE_OLD_S

@@ -17,53 +17,54 @@ from wakedeploy.core.rig_sections import Limits
 LATE_LIMIT = 3  # late predictions, or late answers, in a row that degrade the mode
 CLEAN_TICKS = round(LOOP_RATE_HZ)  # a clean second brings it back
 SENSOR_LOST_S = 0.25  # without a new range sample
-SAMPLE_OLD_S = 0.15  # the filter's motion since then is a guess: as good as no sample
-# Since a command was sent that is still unanswered. The MCU's own deadman begins its descent after
-# four periods without commands; where only answers are lost, it hears every command, and the loop
-# flies on by PID alone for a while.
+SAMPLE_OLD_S = 0.15  # an older sample is as good as none: the motion since then is a guess
+# Since an unanswered command was sent. The MCU's own deadman begins its descent after four periods
+# without commands; if only answers are lost, it hears every command, and the loop flies on by PID
+# alone for a while.
 ANSWERS_MISSING_S = 0.125
 LINK_LOST_S = 0.5
 STALLED_S = 0.125  # between two ticks: the MCU's deadman has begun its descent meanwhile
-# An answer that takes so much longer than the rig file's round trip means commands that act late.
+# Time beyond the rig file's round trip: an answer this late means commands that act late.
 LATE_ANSWER_S = 0.02  # the feedforward is for another moment then: PID alone
-LATE_COMMAND_S = 0.03  # so late, for a quarter of a second: PID itself is no longer stable
+LATE_COMMAND_S = 0.03  # this late for a quarter of a second, PID itself is no longer stable
 LATE_COMMANDS = 8
 
-# In the air the same reading again and again. A VL53L0X's noise, 3 to 6 mm at 1 mm resolution,
-# gives the same twice in 7 to 10 % of readings, and 24 times in a row never. A sensor that holds
+# The same reading again and again in the air. A VL53L0X's noise, 3 to 6 mm at 1 mm resolution,
+# gives the same twice in 7 to 10 % of readings, and never 24 times in a row. A sensor that holds
 # each reading for up to 0.15 s, as some do, says at least five different things in that time.
 RANGE_FROZEN_S = 0.75
-# Five samples in a row, the first of them too, are so far from where the sufferer can be. A fall of
-# which the filter knows nothing ends 5 cm away after a tenth of a second, and goes on from there.
+# Five samples in a row, the first one included, are this far from where the sufferer can be. A fall
+# that the filter does not know of ends 5 cm away after a tenth of a second, and goes on from there.
 # Something has come into the beam; a controller that believes it pushes the sufferer onto a stop.
 RANGE_JUMP_M = 0.1
-REPEATED_S = 0.1  # the same for longer: frozen, and it is the sufferer that has moved
+REPEATED_S = 0.1  # the same for longer: the sensor froze, and the sufferer has moved
 # On the stop while the commands should give 1.5 times the weight. That lifts within 0.15 s at
-# 5 m/s², also where the rig file's thrust curve is a third too strong. Only a wake of more than
-# half the weight holds it down: 1.5 times the default one, gusts of 6 N, did so for 0.6 s.
+# 5 m/s², even if the rig file's thrust curve is a third too strong. Only a wake of more than half
+# the weight holds it down: 1.5 times the default one, gusts of 6 N, did so for 0.6 s.
 NOT_LIFTING_S = 1.0
-# A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
-# late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
+# A force that swings this much is no force: the loop swings, because a sensor's stamps lie or
+# pulses act late. Healthy flights stay below 0.8 N, with wakes three times as strong as in the rig
+# file.
 UNEXPLAINED_SD_N, UNEXPLAINED_S = 2.0, 0.5
 # Log likelihood that readings are late. Of eighty flights with wakes up to three times as strong,
 # none by PID alone comes to 9, and one with a package comes to 10.5: its feedforward can look like
-# a late reading. So the feedforward goes first, and the flight only if that does not help.
+# a late reading. So the feedforward is dropped first, and the flight ends only if that does not
+# help.
 RANGE_DOUBTED, RANGE_LATE = 9.0, 12.0
-# Late readings make the loop swing: without that, a thrust or a wake off its model looks like them.
+# Late readings make the loop swing; a thrust or a wake off its model looks like them without that.
 SWINGING_SD_N, CALM_SHARE = 0.8, 0.75
-RANGE_SUSPECTED = 6.0  # enough where the loop swings already
-# With a thrust of less than two fifths of its weight a sufferer in the air is by so much faster, a
-# quarter of a second later. One that is hardly moving then stands on something: on the stop, most
-# of the time.
+RANGE_SUSPECTED = 6.0  # enough if the loop swings already
+# With a thrust of less than two fifths of its weight, a sufferer in the air is this much faster a
+# quarter of a second later. One that hardly moves then stands on something: mostly on the stop.
 HELD_SHARE, HELD_UP_MPS, HELD_MPS = 0.4, 1.5, 0.4
 # Below the lower z limit while the commands should give more than the weight: only a fall ends
 # there (the filter runs on past the stop). 10 % are for errors of the thrust curve and the weight.
 FELL_SHARE = 1.1
-# A battery has fallen far below what it had at arming. The UNO looks each 0.1 s, and a bad contact
-# is over within two looks.
+# The battery has fallen far below its voltage at arming. The UNO looks every 0.1 s, and a bad
+# contact is over within two looks.
 BATTERY_LOST_S = 0.25
-FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
-GATE_TICKS = 4  # over which the feedforward is slewed to zero and back
+FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either end
+GATE_TICKS = 4  # the feedforward is slewed to zero and back over this
 # Of the weight, either way: the most that is fed forward. No wake to be flown in pushes harder.
 MOST_FEEDFORWARD = 1.0
 
@@ -138,25 +139,25 @@ class Findings:
     mcu_fault: bool = False
     recorder_failed: bool = False
     stop_asked: bool = False  # by the operator
-    range_jump_m: float = 0.0  # which five samples in a row are off at least
-    is_noisy: bool = False  # too much of what the sensor says is noise, or has no sense
-    held_up_mps: float = 0.0  # that gravity owes: in the air by the sensor, and nothing carries it
-    range_frozen_s: float = 0.0  # since the range sensor says the same in the air
+    range_jump_m: float = 0.0  # the least error of five samples in a row
+    is_noisy: bool = False  # too much of what the sensor says is noise or makes no sense
+    held_up_mps: float = 0.0  # speed that gravity should have taken, in the air by the sensor
+    range_frozen_s: float = 0.0  # since the range sensor began to say the same in the air
     range_frozen_limit_s: float = RANGE_FROZEN_S  # longer for a sensor of little noise
     moves_unseen: bool = False  # in the air, while the range sensor says the very same
     not_lifting_s: float = 0.0  # on the stop with a thrust that should lift
-    rises_unseen: bool = False  # as the commands should have brought about, and the sensor denies
-    unexplained_s: float = 0.0  # since a force swings that neither thrust, wake nor weight explains
+    rises_unseen: bool = False  # the commands should have lifted it, and the sensor denies it
+    unexplained_s: float = 0.0  # since a force began to swing that nothing explains
     range_late: float = 0.0  # evidence that readings are older than their stamps say
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
-    battery_gone_s: float = 0.0  # since a battery that was measured is gone
+    battery_gone_s: float = 0.0  # since a battery that was measured went missing
     z_m: float = 0.0
     x_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SafetyState:
-    """Mode and counters between ticks; `faults` are this tick's, `cause` those of the failsafe.
+    """Mode and counters between ticks; `faults` are this tick's, `cause` are the failsafe's.
 
     `failed_in` is the mode that the failsafe began in.
     """
@@ -193,7 +194,7 @@ def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
 
 
 def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
-    """Names of the faults that end a flight, what explains the others first."""
+    """Names of the faults that end a flight; those that explain others come first."""
     fell = found.z_m < limits.z_m[0] and found.thrust_share > FELL_SHARE
     stands = found.not_lifting_s > NOT_LIFTING_S or found.rises_unseen
     lost_thrust = fell or stands
@@ -223,13 +224,13 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
 
 
 def doubts_the_range(state: SafetyState, found: Findings) -> bool:
-    """Whether the way down is to be flown by a filter that believes in late readings."""
+    """Whether a filter that believes in late readings is to fly the way down."""
     swings = "motion_unexplained" in state.cause and found.range_late > RANGE_SUSPECTED
     return swings or "range_late" in state.cause
 
 
 def lesser_troubles(found: Findings) -> tuple[str, ...]:
-    """Names of what a flight goes on with, most of them by PID alone."""
+    """Names of the troubles that a flight goes on with, mostly by PID alone."""
     named = {
         "late_prediction": found.late,
         "bad_prediction": found.bad_prediction,
@@ -262,8 +263,8 @@ def far_outside(
 ) -> bool:
     """Whether an observation (d,) is not finite or far outside the trained range, low to high.
 
-    Each tick is judged alone and costs the feedforward, so that the margin is wide: half the range.
-    `predict` in Python only warns, of many values together, and begins at a quarter
+    Each tick is judged alone and costs the feedforward, so the margin is wide: half the range.
+    `predict` in Python only warns, about many values together, and starts at a quarter
     (`wakedeploy.core.observations.out_of_range`).
     """
     ranges = zip(observation.tolist(), low.tolist(), high.tolist(), strict=True)
@@ -282,7 +283,7 @@ class Gate:
 
 
 def gate(before: Gate, force_n: float | None) -> Gate:
-    """Open towards a usable force, close (on the last usable one) without; never in one jump."""
+    """Open towards a usable force; without one, close on the last. Neither happens in one jump."""
     if force_n is None:
         return Gate(max(0.0, before.share - 1.0 / GATE_TICKS), before.force_n)
     return Gate(min(1.0, before.share + 1.0 / GATE_TICKS), force_n)

@@ -1,9 +1,9 @@
 """Touch-down: motors go off only once the sufferer has shown that it stands.
 
-In: heights as they are read. Out: a share of the weight for the motor to carry, and whether it
-stands. A sensor that drifted says the stop where there is none; what hangs in the air sinks as soon
-as it is carried less, and what stands does not. A sensor that says the very same all the time shows
-neither: then the sufferer comes down as one whose height nobody knows.
+In: heights as they are read. Out: a share of the weight for the motor to carry, and whether the
+sufferer stands. A drifted sensor reads the stop where there is none; what hangs in the air sinks
+as soon as it is carried less, and what stands does not. A sensor that says the very same all the
+time shows neither: then the sufferer comes down as if nobody knew its height.
 """
 
 import enum
@@ -16,17 +16,17 @@ from runtime.loop.estimate import Estimate
 TEST_SHARE = 0.88  # of the weight: from rest a fall of 14 cm in the time of a test, at 0.6 m/s
 TEST_S = 0.5
 SINK_S = 0.75  # on the way down between two tests
-MOVED_M = 0.025  # in a test, which noise alone does not show
-BENT_M = 0.02  # off a straight line, as a sensor's drift alone is; a fall is off by 5 cm
+MOVED_M = 0.025  # in a test; noise alone does not show this much
+BENT_M = 0.02  # off a straight line; a sensor's drift alone is straight, a fall is off by 5 cm
 _READINGS = 4  # at each end of a test, averaged
-_PINNED = 6  # that often the same at the end
-NEAR_STOP_M = 0.06  # what stands is read below
+_PINNED = 6  # this often the same at the end
+NEAR_STOP_M = 0.06  # what stands is read below this
 STILL_MPS = 0.3  # slower than this a test may begin
-LONGEST_S = 12.0  # then it comes down as one whose height nobody knows
+LONGEST_S = 12.0  # then it comes down as if nobody knew its height
 
 
 class Stage(enum.Enum):
-    """What a touch-down is at."""
+    """The stages of a touch-down."""
 
     TEST = enum.auto()  # carried less: does it sink?
     SINK = enum.auto()  # it did: down, at the speed of a blind descent
@@ -36,7 +36,7 @@ class Stage(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Settling:
-    """Since when the touch-down and its stage last, and what has been read in it."""
+    """Since when the touch-down and its stage last, and what was read in the stage."""
 
     began_s: float
     stage_s: float
@@ -45,7 +45,7 @@ class Settling:
 
 
 def begun(now: Estimate, t_s: float) -> Settling:
-    """A touch-down from here: in the air, or in motion, it sinks before it is tested."""
+    """A touch-down from here: if it is in the air or in motion, it sinks before it is tested."""
     return Settling(t_s, t_s, Stage.SINK if is_off(now) else Stage.TEST)
 
 
@@ -65,8 +65,8 @@ def settled(
 ) -> Settling:
     """One tick: `range_m` is a new reading, corrected by the sensor's bias, or NaN.
 
-    `ladder_s`: what a blind descent takes. `may_repeat`: the sensor's noise is below its step.
-    `off`: it is seen off the stop or in motion, where no test is needed.
+    `ladder_s`: how long a blind descent takes. `may_repeat`: the sensor's noise is below its step.
+    `off`: it is seen off the stop or in motion, so no test is needed.
     """
     if before.stage is Stage.STANDS:
         return before
@@ -92,8 +92,8 @@ def settled(
 def _is_still(ranges_m: tuple[float, ...], *, may_repeat: bool) -> bool:
     """Whether readings at both ends of a test agree, near the stop; too few show nothing.
 
-    Nor do readings that end in the very same: a sensor cannot say less than nothing, and one that
-    drifted down there says nothing of a fall. A healthy one does so in one test of sixty.
+    Readings that end in the very same show nothing either: a sensor that cannot read below zero and
+    drifted there does not show a fall. A healthy sensor does this in one test of sixty.
     """
     if len(ranges_m) < 2 * _READINGS:
         return False

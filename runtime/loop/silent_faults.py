@@ -1,8 +1,8 @@
 """Signs that a part of the rig has failed although everything still answers.
 
-In: what one tick read, estimated and asked for. Out: since when the range sensor has been saying
-the same, the sufferer has not lifted, the battery has been gone. Pure steps;
-`runtime.loop.safety` says how long is too long, and why.
+In: what one tick read, estimated and asked for. Out: how long the range sensor has been saying the
+same, the sufferer has not lifted, the battery has been gone. Pure steps; `runtime.loop.safety`
+says how long is too long, and why.
 """
 
 import math
@@ -13,7 +13,7 @@ from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
-AIRBORNE_M = 0.1  # below, a VL53L0X may say the same for long: so near it measures badly
+AIRBORNE_M = 0.1  # below this a VL53L0X may say the same for long: it measures badly so near
 GROUNDED_M = 0.05  # the stop, range noise and the filter's error in a hard landing
 REPEAT_CHANCE = 1e-9  # that a healthy sensor repeats itself for long enough to be called frozen
 LIFTING_SHARE = 1.5  # of the weight: a thrust that lifts, see `runtime.loop.safety`
@@ -33,12 +33,12 @@ class Signs:
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
     range_m: float = float("nan")
     vz_mps: float = 0.0
-    held_up_mps: float = 0.0  # what it should have lost of its speed by gravity, and has not
+    held_up_mps: float = 0.0  # the speed that gravity should have taken, and has not
     armed_v: float = 0.0  # the battery's voltage at arming; 0 where none is measured
 
 
 def may_repeat(rig: Rig) -> bool:
-    """Whether a healthy sensor says the same again and again: its noise is below its step."""
+    """Whether a healthy sensor says the same again and again, as its noise is below its step."""
     return frozen_limit_s(rig) > RANGE_FROZEN_S
 
 
@@ -46,7 +46,7 @@ def frozen_limit_s(rig: Rig) -> float:
     """How long a sensor may say the same in the air [s]; infinite for one that always may.
 
     Noise below the resolution is mostly rounded away. In the worst case the sufferer stands still
-    in the middle of a step, and a reading leaves the step with the chance that noise has to.
+    in the middle of a step, and a reading leaves the step as often as noise exceeds half of it.
     """
     sensor = rig.range_sensor
     step_m = max(sensor.resolution_m, 1e-6)
@@ -80,7 +80,7 @@ class SignReader:
     ) -> Signs:
         """Look at one tick: `thrust_n` is what the commands should give by now, after spool.
 
-        A battery can only be gone where one was measured at arming.
+        A battery can only be gone if one was measured at arming.
         """
         passed_s = max(t_s - before.t_s, 0.0)
         share = thrust_n / self._weight_n

@@ -1,9 +1,9 @@
 """Thrust that keeps the sufferer from meeting a stop hard, whatever the controller asks for.
 
 In: an estimate. Out: bounds of the thrust. A controller sees an error of height and not the stop
-behind it: it asks for full thrust only when the way left is too short for it. Far from a stop, and
-at the speeds of any plan, there are no bounds. Where even full thrust is too little, the source
-idles: its wake is the one load that the loop can take away.
+behind it: it asks for full thrust only when the way left is too short. Far from a stop, and at the
+speeds of any plan, there are no bounds. If even full thrust is too little, the source idles: its
+wake is the one load that the loop can take away.
 """
 
 import math
@@ -15,15 +15,15 @@ from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
 LOWER_MPS, UPPER_MPS = 0.45, 0.3  # a stop met at this speed is met softly
-NEAREST_M = 0.02  # a way left that is shorter counts as this: what is read so near is mostly noise
-LEAST_MPS = 0.15  # slower than this it stands, or a controller has time
+NEAREST_M = 0.02  # a shorter way left counts as this: so near, readings are mostly noise
+LEAST_MPS = 0.15  # a slower sufferer stands, or a controller has time
 LEAST_MPS2 = 1.0  # a controller brakes by this much itself
-ENOUGH_SHARE = 0.9  # of full thrust: with more to be asked for, the source's wake is too much
+ENOUGH_SHARE = 0.9  # of full thrust: if more is asked for, the source's wake is too much
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What thrust [N] there must be at least and at most, and whether the motor has too little."""
+    """The least and the largest thrust [N], and whether the motor has too little."""
 
     least_n: float = -math.inf
     most_n: float = math.inf
@@ -49,7 +49,7 @@ class Stops:
         """
         carried_n = self._weight_n - other_n
         held_mps2 = (now.rotor_speed**2 - carried_n) / self._mass_kg
-        # A speed that may be mere noise is none.
+        # A speed that may be mere noise does not count.
         sure_mps = float(now.height_cov[1, 1]) ** 0.5
         up_mps2 = _braking(now.z_m, -now.vz_mps - sure_mps, -held_mps2, self._up_s, LOWER_MPS)
         above_m = self._travel_m - now.z_m
@@ -69,7 +69,7 @@ def _braking(
 
     `speed_mps` and `held_mps2` are towards the stop, now and until then.
     """
-    if speed_mps < LEAST_MPS:  # on the stop, too, with the motor idle
+    if speed_mps < LEAST_MPS:  # also on the stop with the motor idle
         return 0.0
     left_m -= speed_mps * lag_s + 0.5 * held_mps2 * lag_s**2
     speed_mps += held_mps2 * lag_s

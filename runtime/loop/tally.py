@@ -1,4 +1,4 @@
-"""What a run amounts to: counted while it lasts, in little memory, told at its end."""
+"""What a run amounts to: counted while it lasts, in little memory, reported at its end."""
 
 from __future__ import annotations  # array.array takes no type argument before Python 3.12
 
@@ -81,7 +81,7 @@ class Tally:
             self.pause = Pause(length_s, until_s - length_s)
 
     def gantry_stood_still(self, length_s: float, until_s: float) -> None:
-        """Remember the longest time by which a virtual gantry in real time was behind."""
+        """Remember the longest time that a virtual gantry in real time was behind."""
         longest_s = _SHORTEST_S if self.gantry_pause is None else self.gantry_pause.length_s
         if length_s > longest_s:
             self.gantry_pause = Pause(length_s, until_s - length_s)
@@ -98,7 +98,7 @@ class Tally:
 
     @property
     def true_rmse_m(self) -> float:
-        """The same against the true height, where a simulation tells it [m]."""
+        """The same against the true height, which only a simulation knows [m]."""
         return _rms(self.true_errors_m)
 
     @property

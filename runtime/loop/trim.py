@@ -22,17 +22,17 @@ THRUST_SD_SHARE = 0.03  # of the weight: how well a thrust curve is known before
 WAKE_SD = 0.6  # of the wake's force over the rig file's
 _THRUST_DRIFT_N = 0.03  # standard deviation after a second, as batteries sag
 _WAKE_DRIFT = 0.05
-# The estimator's disturbance is off by about so much, and stays so for about ten ticks.
+# The estimator's disturbance is off by about this much, and stays so for about ten ticks.
 _FORCE_SD_N = 0.25
 _FORCE_TICKS = 10.0
-# It follows a force with a lag [s], and, since it expects forces to fade, by a share only: by PID
-# alone, and with the wake forecast. Read from the filter's response to a step.
+# It follows a force with a lag [s] and, since it expects forces to fade, by a share only: first by
+# PID alone (first pair), or with the wake forecast. Read from the filter's response to a step.
 _ALONE = (0.13, 0.86)
 _FORECAST = (0.22, 0.80)
 _MOST_OFF_N = 2.0  # of a single measurement
-_TRIM_OFF_N = 1.0  # beyond it a measurement tells of the wake at most: lost thrust is no trim
+_TRIM_OFF_N = 1.0  # a measurement beyond it is of the wake at most: lost thrust is no trim
 _MOST_SHARE = 0.06  # of the weight, for the same reason
-_SWING_S = 0.7  # over which the swing of what is left unexplained is averaged
+_SWING_S = 0.7  # the swing of what is left unexplained is averaged over this
 _AIRBORNE_M = 0.05
 _PUFFS_PER_TICK = 2
 _TICK_S = 1.0 / LOOP_RATE_HZ
@@ -57,7 +57,7 @@ class TrimReader:
         self._dt_s = _TICK_S / _PUFFS_PER_TICK
         self._jet = VerticalJet(rig.wake, rig.source.height_m, self._dt_s)
         self._source_speed = 0.0  # √N
-        self._lagged_n = 0.0  # the wake, as far as no forecast has it, as the estimator follows it
+        self._lagged_n = 0.0  # the wake that no forecast has, as the estimator follows it
         weight_n = rig.sufferer.mass_kg * GRAVITY_MPS2
         self._most_n = _MOST_SHARE * weight_n
         self._left_n = self._swing_n2 = 0.0
@@ -74,7 +74,7 @@ class TrimReader:
         """Take in one tick's estimate, made with the wake forecast [N] for it, if there was one.
 
         `source_us`: the command of the tick before, which acts by now. With `believe` False only
-        the air goes on: on the stop, and when the height is in doubt.
+        the air moves on: on the stop, and while the height is in doubt.
         """
         self._inject(source_us)
         lag_s, share = _ALONE if forecast_n is None else _FORECAST
@@ -96,7 +96,7 @@ class TrimReader:
     def wake_n(self, x_m: float, z_m: float, ahead_s: float, held_s: float) -> float:
         """The wake's force [N] at a place, `ahead_s` from now, once the source is off.
 
-        It keeps its present thrust for `held_s` and is idle from then on.
+        The source keeps its present thrust for `held_s` and is idle from then on.
         """
         return self.trim.strength * self._model_n(x_m, z_m, ahead_s, held_s)
 
@@ -131,7 +131,7 @@ class TrimReader:
 
 
 def _updated(before: Trim, off_n: float, model_n: float) -> Trim:
-    """One measurement, `off_n` beside what was expected: thrust + strength · model."""
+    """One measurement: `off_n`, beside what was expected, is thrust + strength · model."""
     off_n = min(max(off_n, -_MOST_OFF_N), _MOST_OFF_N)
     a = before.thrust_var + _THRUST_DRIFT_N**2 * _TICK_S
     c = before.strength_var + _WAKE_DRIFT**2 * _TICK_S

@@ -1,7 +1,7 @@
 """`run-gantry --watch-gap`: does the rig file still explain what this rig does?
 
-In: one row of the run log per tick. Out: a running score, 1 at the limit of what the rig file with
-its calibration spreads and its disturbances explains, and a sentence when the score leaves that
+In: one row of the run log per tick. Out: a running score, 1 at the limit of what the rig file
+explains with its calibration spreads and disturbances, and a sentence when the score passes that
 limit or comes back.
 """
 
@@ -23,12 +23,12 @@ Tell = Callable[[str], None]
 
 WINDOW_S = 10.0
 LEAST_S = 5.0  # of new readings
-BACK_BELOW = 0.8  # of the limit: a score at the limit does not make it come and go
-_CLIP_SD = 3.0  # outliers of the range sensor count no more than this
+BACK_BELOW = 0.8  # of the limit: keeps a score near the limit from coming and going
+_CLIP_SD = 3.0  # outliers of the range sensor count as this at most
 _MEMORY_SAMPLES = 16.0  # of the slow statistic, half a second
 
 # Largest values in simulated flights of the default rig without any effect, each with a calibration
-# drawn from the rig file's spreads; 2 % of such flights pass one of them (benchmarks/watch.py).
+# drawn from the rig file's spreads; 2 % of these flights pass one of them (benchmarks/watch.py).
 SIZE_LIMIT = 4.2  # standard deviations of the mean squared innovation
 SLOW_LIMIT = 4.6  # the same of innovations that keep their sign for half a second
 CALIBRATION_LIMIT = 4.8  # standard deviations of one calibrated constant
@@ -44,7 +44,7 @@ class GapReport:
     failed: str = ""  # why it stopped, if it did
 
     def sentence(self) -> str:
-        """For the run's summary."""
+        """The sentence for the run's summary."""
         if self.failed:
             return f"stopped ({self.failed})"
         if math.isnan(self.worst):
@@ -72,8 +72,8 @@ class GapWatch:
     def step(self, row: Mapping[str, Value]) -> float | None:
         """The score after one tick; None at rest, and until there is enough flight to judge.
 
-        A tick without a usable sample has no score and changes none. Never raises: whatever it
-        stumbles over, it only watches; the flight goes on without a score, and `report` says why.
+        A tick without a usable sample has no score and changes none. It never raises: if it fails,
+        the flight goes on without a score, and `report` says why.
         """
         if self.report.failed:
             return None
@@ -107,7 +107,7 @@ class GapWatch:
             self._slow_squares -= slow
 
     def _judged(self) -> tuple[float, str]:
-        """The largest of the three statistics over its limit, and what it says in words."""
+        """The largest of the three statistics over its limit, and its meaning in words."""
         count = len(self._window)
         size = (self._squares / count - 1.0) * math.sqrt(count / 2.0)
         slow = (self._slow_squares / count - 1.0) * math.sqrt(count / (2.0 * _MEMORY_SAMPLES))
@@ -140,7 +140,7 @@ class GapWatch:
             self._say(f"{when_s:.1f} s: the rig file explains the flight again.")
 
     def _say(self, sentence: str) -> None:
-        """Tell from a thread of its own: a terminal may be held for as long as someone likes."""
+        """Report from a thread of its own: a terminal may be held for as long as someone likes."""
         if self._tell is not None:
             threading.Thread(
                 target=_yield_and_tell, args=(self._tell, sentence), daemon=True

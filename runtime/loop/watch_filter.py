@@ -1,8 +1,8 @@
 """The likelihood behind the watch: a Kalman filter over height, turbulence and calibration.
 
-In: one row of the run log per tick. Out: the whitened innovation of its range sample, or nothing
-where none can be judged. The calibrated constants are states with the spreads of the rig file as
-their prior, so that a calibration error of that size is learnt instead of being taken for physics.
+In: one row of the run log per tick. Out: the whitened innovation of its range sample, or None if
+none can be judged. The calibrated constants are states with the spreads of the rig file as their
+prior, so that a calibration error of that size is learnt instead of being taken for physics.
 """
 
 import math
@@ -26,7 +26,7 @@ _Z, _V, _GUST, _BIAS = 0, 1, 2, 3
 _FIRST = 4  # where the states of the forces' constants begin
 _ACCELERATION_DENSITY = 0.05  # m/s² per √Hz: what friction near rest and held inputs leave open
 _GATE_SD = 5.0
-_PERSISTENT = 4  # that many samples in a row are no outliers
+_PERSISTENT = 4  # this many samples in a row are no outliers
 _CLEAR_M = 0.05  # above the stop, whose contact is not modelled
 _SETTLE_S = 0.5  # in the air before a sample counts
 _LONGEST_GAP_S = 0.25
@@ -74,7 +74,7 @@ class WatchFilter:
         self._pin()
 
     def step(self, row: Mapping[str, Value]) -> Seen | None:
-        """Take in one tick; what its sample says, if it can be judged."""
+        """Take in one tick; return its sample if it can be judged."""
         t_s = _number(row, "t_s")
         self._take_commands(row, t_s)
         self._x = (t_s, _number(row, "x_m", 0.0), _number(row, "vx_mps", 0.0))
@@ -82,7 +82,7 @@ class WatchFilter:
         is_new = _number(row, "range_repeats", 0.0) == 0.0 and math.isfinite(range_m + age_s)
         is_new = is_new and not (self._hold_s > 0.0 and range_m == self._last_range_m)
         sample_s = t_s - age_s if math.isfinite(age_s) else t_s
-        # A sensor that repeats itself made a new reading at any time since its last sample.
+        # A sensor that repeats itself may have made a new reading any time since its last sample.
         within_s = min(self._hold_s, max(sample_s - self._last_stamp_s, 0.0))
         self._last_stamp_s = max(sample_s, self._last_stamp_s)
         if self._now_s is None:
@@ -103,16 +103,16 @@ class WatchFilter:
         return min(LOOP_RATE_HZ, 1.0 / self._hold_s) if self._hold_s > 0.0 else LOOP_RATE_HZ
 
     def departures(self) -> FloatArray:
-        """How far each constant has been moved, over how far its prior lets the data move it.
+        """How far the data have moved each constant, over how far its prior lets them, (P,).
 
-        In standard deviations, (P,); a constant that the data say nothing about is at zero.
+        In standard deviations; a constant that the data say nothing about is at zero.
         """
         moved, remaining_var = self._state[_BIAS:], np.diag(self._cov)[_BIAS:]
         learned_var = np.maximum(1.0 - remaining_var, 0.05)
         return np.asarray(moved / np.sqrt(learned_var))
 
     def _was_blind(self, sample_s: float) -> None:
-        """Height and speed have to be found again; of a long time only the end is caught up."""
+        """Find height and speed again; of a long gap only the end is caught up."""
         assert self._now_s is not None
         self._now_s = max(self._now_s, sample_s - _CATCH_UP_S)
         self._airborne_s = 0.0
@@ -180,7 +180,7 @@ class WatchFilter:
             self._state[_V] = max(self._state[_V], 0.0)
 
     def _pin(self) -> None:
-        """At rest on the stop, whatever was believed of height, speed and gust."""
+        """Put it at rest on the stop, whatever was believed of height, speed and gust."""
         self._state[:3] = 0.0
         self._cov[:3, :] = 0.0
         self._cov[:, :3] = 0.0

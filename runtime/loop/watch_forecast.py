@@ -1,8 +1,8 @@
 """What a rig file says the sufferer should feel, and how its calibration could change it.
 
-Pulses become thrust and wake, beside them what each uncertain constant would add. In: the commands
-as they were sent, and the frames that the board reports. Out: one `Forces` per step of 1/64 s, a
-constant number of operations each, so that it runs beside the loop on a Pi.
+Pulses become thrust and wake, together with what each uncertain constant would add. In: the
+commands as they were sent, and the frames that the board reports. Out: one `Forces` per step of
+1/64 s. Each takes the same number of operations, so that it runs beside the loop on a Pi.
 """
 
 import functools
@@ -27,13 +27,13 @@ from wakedeploy.physics.rail import GRAVITY_MPS2
 FloatArray = npt.NDArray[np.float64]
 
 STEP_S = 1.0 / 64.0
-_SMALL_N = 1e-3  # below it a thrust's logarithm says nothing
+_SMALL_N = 1e-3  # a thrust's logarithm says nothing below this
 _OF_WAKE = ("speed_mps", "strength", "width_m", "diffusivity_m2ps", "decay_per_s")
 
 
 @dataclass(frozen=True)
 class Model:
-    """A rig's effects, and the constants that no section of it has."""
+    """A rig's effects, and the constants that are in no section of it."""
 
     chain: Chain
     constants: Constants
@@ -80,7 +80,7 @@ class PulsePath:
             self._next_frame_s = applied_s + periods * self._frame_s
 
     def advance(self, from_s: float, to_s: float) -> list[Segment]:
-        """What the ESCs hold between two times [s]; time only goes on."""
+        """What the ESCs hold between two times [s]; time only goes forward."""
         segments: list[Segment] = []
         now_s = from_s
         self._next_frame_s = max(self._next_frame_s, from_s)
@@ -140,7 +140,7 @@ class Rotors:
         self._speeds = [0.0] * len(self._lags)
 
     def advance(self, spans: list[tuple[float, float]]) -> list[float]:
-        """Mean thrusts [N] over (span [s], pulse [µs]) pairs: as the rig says, then each moved."""
+        """Mean thrusts [N] over (span [s], pulse [µs]) pairs: the rig's, then per moved lag."""
         totals, whole_s = [0.0] * len(self._lags), 0.0
         for span_s, pulse_us in spans:
             target = math.sqrt(self._curve.thrust(pulse_us))
@@ -178,7 +178,7 @@ class WakeForecast:
         self._roots = np.zeros((histories, 2 * length))  # a ring written twice: always a plain view
 
     def inject(self, thrusts_n: list[float]) -> None:
-        """The puff of one step for every history's thrust [N]."""
+        """Add the puff of one step for every history's thrust [N]."""
         roots = [math.sqrt(max(n, 0.0) / self._reference_n) for n in thrusts_n]
         self._newest = (self._newest - 1) % self._length
         self._roots[:, self._newest] = roots
@@ -221,7 +221,7 @@ class Place:
 
 
 class ForceForecast:
-    """Forces on the sufferer step by step, as the rig file explains them."""
+    """Forces on the sufferer, step by step, as the rig file explains them."""
 
     def __init__(self, rig: Rig, model: Model, spreads: Mapping[str, float]) -> None:
         self._spreads = dict(spreads)
@@ -246,15 +246,15 @@ class ForceForecast:
         return (*plain, *self._sufferer.names, *self._wake.names, *source)
 
     def sent(self, t_s: float, source_us: float, sufferer_us: float) -> None:
-        """A command left at `t_s` [s]."""
+        """Take in a command that left at `t_s` [s]."""
         self._path.sent(t_s, source_us, sufferer_us)
 
     def frame_seen(self, applied_s: float) -> None:
-        """The board reported a frame at `applied_s` [s]."""
+        """Take in a frame that the board reported at `applied_s` [s]."""
         self._path.frame_seen(applied_s)
 
     def advance(self, from_s: float, place: Place) -> Forces:
-        """One step from `from_s` on, with the sufferer at this place."""
+        """The forces of one step from `from_s` on, with the sufferer at this place."""
         segments = self._path.advance(from_s, from_s + STEP_S)
         thrusts = self._sufferer.advance([(s.span_s, s.sufferer_us) for s in segments])
         sources = self._source.advance([(s.span_s, s.source_us) for s in segments])
@@ -279,7 +279,7 @@ class ForceForecast:
         return Forces(thrust_n, wake_n, np.array(changes), other_n, added_kg)
 
     def range_m(self, range_m: float) -> float:
-        """What the sensor reads [m] where effects have it see `range_m`."""
+        """The sensor's reading [m] of `range_m` under the rig's effects."""
         return self._effects.range_m(range_m)
 
     def _of_thrust(self, thrusts: list[float]) -> list[float]:
@@ -294,7 +294,7 @@ class ForceForecast:
 
 
 def _scaled(values: list[float], after: float) -> list[float]:
-    """A quantity's variants where effects make `after` of the first: all by the same share."""
+    """A quantity's variants, all scaled by the share that makes the first one `after`."""
     before = values[0]
     if after == before:
         return values

@@ -1,7 +1,7 @@
 """The way down: by a controller while the height is known, else by a ladder of pulses.
 
 In: each tick's estimate, mode and command. Out: the commands of a failsafe, and with every command
-the pulses that the board descends with should it be the last one.
+the pulses for the board's own descent, should that command be the last one.
 """
 
 import math
@@ -40,15 +40,15 @@ from runtime.reference import Reference
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import unplaced_constants
 
-OFF_THE_LINE_M = 0.15  # from a descent's line: after a pause it begins anew where it is
-HOVER_S = 1.0  # over which the thrust of a flight is averaged, for the same
-FREE_M, LIFTING_S = 0.1, 0.3  # above, a force that lifts is averaged for the touch-down
-# The very same for longer than any sensor holds a reading, while the forces moved it so far: it is
-# frozen, and what the forces say is still good.
+OFF_THE_LINE_M = 0.15  # from a descent's line: after a pause, a descent this far off begins anew
+HOVER_S = 1.0  # the thrust of a flight is averaged over this
+FREE_M, LIFTING_S = 0.1, 0.3  # above the first, what lifts is averaged over the second
+# The very same for longer than any sensor holds a reading, while the forces moved it this far: the
+# sensor is frozen, and what the forces say is still good.
 FROZEN_TICKS, FROZEN_MOVED_M = 8, 0.05
-# What comes with a sensor's noise. The forces alone say for so long where the sufferer is.
+# Faults of a noisy sensor. For this long the forces alone say where the sufferer is.
 NOISE, LONG_UNCALM_S = frozenset({"sensor_noisy", "sensor_jump"}), 1.5
-# Commands that act so much later than they should control nothing: the forces alone say where it is
+# Commands that act this much too late control nothing: the forces alone say where the sufferer is
 # by then, and no height is waited for.
 BLIND_LATE_S = 0.12
 UNSEEN_SHARE = 0.99  # of the weight: between two tests of a touch-down, if no motion is seen
@@ -71,19 +71,19 @@ class WayDown:
         self._seen_n = 0.0  # what lifted it when it was last seen off the stop in a touch-down
         self._hover_n = math.inf
         self.late_s = 0.0  # by which commands act late
-        self.unexplained_s = 0.0  # since the force that nothing explains swings
+        self.unexplained_s = 0.0  # since an unexplained force began to swing
         self._froze_m = 0.0  # where the sufferer was when the sensor began to say the same
         self._moves_unseen = False
-        self.pulses = self._planner.idle  # the board's, should the last command be the last one
+        self.pulses = self._planner.idle  # the board's own, should the last command be the last one
 
     @property
     def unexplained_sd_n(self) -> float:
-        """How much a force [N] swings that nothing explains."""
+        """How much an unexplained force [N] swings."""
         return self._trim.unexplained_sd_n
 
     @property
     def rises_unseen(self) -> bool:
-        """Whether it should have risen from the stop, and is not seen to."""
+        """Whether it should have risen from the stop but is not seen to."""
         return self._rise.is_unseen
 
     @property
@@ -92,7 +92,7 @@ class WayDown:
         return self._moves_unseen
 
     def without_the_last_samples(self, state: PilotState) -> PilotState:
-        """The state as the forces alone have it, where samples have only been repeated."""
+        """The state by the forces alone, if samples have only been repeated."""
         now, reckoned, trim = state.estimate, self._reckoned, self._trim
         force_n = trim.trim.thrust_n + trim.wake_n(reckoned.x_m, reckoned.z_m, 0.0, math.inf)
         height = np.array([reckoned.z_m, reckoned.vz_mps, force_n - (state.wake_n or 0.0)])
@@ -101,7 +101,7 @@ class WayDown:
     def reckon(
         self, state: PilotState, measured: Measurement, dt_s: float, *, believe: bool
     ) -> None:
-        """Follow a tick's estimate; with `believe` it also tells of thrust and wake."""
+        """Follow a tick's estimate; with `believe`, learn thrust and wake from it, too."""
         now = state.estimate
         self._trim.step(now, state.wake_n, self._source_us, believe=believe and now.rejected == 0)
         trusted = math.isfinite(now.innovation_m) and now.rejected == 0 and now.jumped_m == 0.0
@@ -119,7 +119,7 @@ class WayDown:
         swings = self._trim.unexplained_sd_n > UNEXPLAINED_SD_N
         self.unexplained_s = self.unexplained_s + dt_s if swings else 0.0
         if now.z_m > FREE_M:
-            # On the stop, what carries the sufferer would count. A wake leaves with the source.
+            # On the stop, the stop's own push would count. A wake leaves with the source.
             share = -math.expm1(-dt_s / LIFTING_S)
             self._lifting_n += share * (state.unexplained_n - self._lifting_n)
             self._lifting_n = max(self._lifting_n, self._trim.trim.thrust_n)
@@ -130,7 +130,7 @@ class WayDown:
             self._rise = self._planner.rise(self._rise, now, measured.alike, self._trim, dt_s)
 
     def commanded(self, command: Command, *, flies: bool) -> None:
-        """A command is about to go out."""
+        """Note a command that is about to go out."""
         self._source_us, self._last_us = command.source_us, command.sufferer_us
         descent = self._descent
         if not flies or on_the_stop(self._reckoned):
@@ -192,7 +192,7 @@ class WayDown:
             off=is_off(state.estimate),
         )
         if before is Stage.TEST and now.stage is Stage.SINK and is_off(state.estimate):
-            # It left the stop in a test: something lifts that no flight before has told of.
+            # It left the stop in a test: something lifts that no flight before has shown.
             self._lifting_n = max(self._lifting_n, state.unexplained_n)
         if now.stage is Stage.STANDS:
             return None
@@ -205,7 +205,7 @@ class WayDown:
         if self._settling.stage is Stage.TEST:
             return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
         if not is_off(state.estimate):
-            # Nothing is seen of its speed: where a sensor drifted to the stop it may fall already.
+            # Nothing shows its speed: if a sensor drifted to the stop it may already be falling.
             other_n = max(self._lifting_n, self._seen_n)
             return self._planner.carried(UNSEEN_SHARE, other_n, self._hover_n)
         share = -math.expm1(-1.0 / (LIFTING_S * LOOP_RATE_HZ))
@@ -227,7 +227,7 @@ class WayDown:
         return Command(limits.pulse_us[0], pulse_us, 0.0)
 
     def _begun(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
-        """The way down, begun anew when the height gets lost on it, or after a pause."""
+        """The way down; it begins anew if the height gets lost on it, or after a pause."""
         now, descent = state.estimate, self._descent
         is_known = BLINDING.isdisjoint(faults) and math.isfinite(now.z_m)
         is_known &= not self._is_too_late(faults)
@@ -245,7 +245,7 @@ class WayDown:
 
     def _blind_descent(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
         last = self._reckoned
-        if "height_impossible" in faults:  # what carries it now carries it on
+        if "height_impossible" in faults:  # what carries it now goes on carrying it
             held = BlindPulses(state.last_us, state.last_us)
             return Descent(t_s, last.z_m, last.x_m, t_s + ladder_s(self._rig.limits), held)
         if not NOISE.isdisjoint(faults) and self._uncalm_s < LONG_UNCALM_S:

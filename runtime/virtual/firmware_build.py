@@ -2,7 +2,7 @@
 
 In: a checkout with compilers. Out: files under `build/firmware/`, named by the hash of what they
 were made of, so that nothing is compiled twice. `python -m runtime.virtual.firmware_build` builds
-the sketch and tells its size.
+the sketch and reports its size.
 """
 
 import contextlib
@@ -223,7 +223,7 @@ def _run(command: Command, folder: Path) -> str:
 
 
 def main() -> None:
-    """Build the sketch and tell how much of the UNO it takes."""
+    """Build the sketch and report how much of the UNO it takes."""
     try:
         built = firmware()
     except UnusableInput as error:

@@ -37,7 +37,7 @@ class PtyPort:
         tty.setraw(slave)
         self.name = os.ttyname(slave)
         os.set_blocking(self._master, False)
-        os.close(slave)  # from now on the kernel tells whether anyone has it open
+        os.close(slave)  # from now on the kernel shows whether anyone has it open
         self._poll = select.poll()
         self._poll.register(self._master, select.POLLIN)
         self.is_open = False
@@ -80,7 +80,7 @@ class FrameStamps:
         self._decoder = FrameDecoder()
 
     def of(self, data: bytes, now_s: float) -> Iterator[tuple[float, bytes]]:
-        """Bytes frame by frame, each with its time [s, monotonic]; `now_s` where none is told."""
+        """Bytes frame by frame, each with its time [s, monotonic]; `now_s` where none is known."""
         *whole, rest = data.split(b"\0")
         for piece in (*(piece + b"\0" for piece in whole), rest):
             if piece:

@@ -91,7 +91,7 @@ def draw_prediction(
 ) -> "Figure":
     """The liveliest test episode: each force as it was and as predicted, and the difference.
 
-    `test` are the errors over the whole split, told beside those of what is shown.
+    `test` are the errors over the whole split; they stand beside those of what is shown.
     """
     shown = _shown(config, predictor, data)
     ahead = f"predicted {config.lead_s:g} s ahead" if config.lead_s else "no lead"

@@ -1,8 +1,8 @@
-"""Where trainings are told of beside their folders: TensorBoard, MLflow; for those who have one.
+"""Optional trackers of trainings: TensorBoard and MLflow.
 
 In: a run's configuration, where its fit stands, its scores and pictures. Out: event files, or runs
-in MLflow's store. Each library is imported by the module of its name alone. A run that is resumed,
-or was trained before, is told whole: what the tracker lacks of it is caught up.
+in MLflow's store. Only the module of its name imports a library. A run that is resumed, or was
+trained before, is reported whole: the tracker gets what it lacks.
 """
 
 import contextlib
@@ -22,10 +22,10 @@ class Tracked(Protocol):
     """One run in a tracker; nothing is written before the first call."""
 
     def stands(self, standing: Standing) -> None:
-        """Tell the epochs that are not told yet."""
+        """Report the epochs not reported yet."""
 
     def finished(self, run: TrainedRun, pictures: Sequence[Path]) -> None:
-        """Tell a finished run: what is not told of its epochs, its scores, its pictures."""
+        """Report a finished run: the epochs not reported yet, its scores, its pictures."""
 
     def close(self, how: str) -> None:
         """Nothing more comes; `how` is FINISHED, INTERRUPTED or FAILED."""
@@ -73,7 +73,7 @@ def _opened(name: str, out: Path) -> Tracker:
 
 
 class Following:
-    """A run as it is told to a tracker, or to none. A tracker that fails costs no training."""
+    """A run as it is reported to a tracker, if any. A tracker that fails stops no training."""
 
     def __init__(
         self, tracked: Tracked | None, tracker: Tracker | None, warn: Callable[[str], None]
@@ -114,7 +114,7 @@ def following(
     fresh: bool,
     warn: Callable[[str], None],
 ) -> Iterator[Following]:
-    """Tell `tracker`, if there is one, of the run that is trained in the block."""
+    """Report the run that is trained in the block to `tracker`, if there is one."""
     tracked = tracker.track(config, folder, fresh) if tracker is not None else None
     following = Following(tracked, tracker, warn)
     try:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-# Nobody who trains has asked to tell MLflow's makers of it.
+# Nobody who trains has asked to inform MLflow's makers of it.
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 # MLflow's own seven take minutes to find out that no server answers.
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
@@ -92,7 +92,7 @@ class _Run:
         self._sent_s = 0.0
 
     def stands(self, standing: Standing) -> None:
-        """Tell the epochs that are not told yet."""
+        """Report the epochs not reported yet."""
         self._open()
         for epoch, values in epochs(self._config, standing, self._epochs):
             self._say(values, epoch)
@@ -119,7 +119,7 @@ class _Run:
     def _open(self) -> None:
         if self._id:
             return
-        if mlflow.active_run() is not None:  # the one before, which could not be told its end
+        if mlflow.active_run() is not None:  # the one before, whose end could not be reported
             mlflow.end_run(_STATUS[FAILED])
         before = self._before()
         if before is None:

@@ -16,7 +16,7 @@ from trainers.training.runs import RunConfig, TrainedRun
 from wakedeploy.core.errors import one_line
 
 EVENTS = "events.out.tfevents.*"
-_SEEN_AFTER_S = 5  # what was told is on the disk then
+_SEEN_AFTER_S = 5  # what was reported is on the disk then
 
 
 class TensorBoard:
@@ -43,7 +43,7 @@ class _Run:
         self._epochs = 0
 
     def stands(self, standing: Standing) -> None:
-        """Tell the epochs that are not told yet."""
+        """Report the epochs not reported yet."""
         writer = self._open()
         for epoch, values in epochs(self._config, standing, self._epochs):
             for name, value in values.items():

@@ -1,4 +1,4 @@
-"""What a tracker is told of a run, by the same names in each: settings, epochs, scores."""
+"""What a tracker gets of a run, by the same names in each: settings, epochs, scores."""
 
 import json
 import math

@@ -105,7 +105,7 @@ class RunMetrics(_Record):
     """How a finished run ended; `history` is the loss on validation after each epoch.
 
     `training_history` is the loss that each epoch descended, as `Standing` in
-    `trainers.training.fit` tells it, `ridge` what a solved readout was chosen by. `device` is where
+    `trainers.training.fit` has it, `ridge` what a solved readout was chosen by. `device` is where
     it was fitted; scores are always computed on the CPU. `test_episodes` are the errors in each
     test episode; records of an earlier version have none, and `wd.train` scores such runs anew.
     `data_folder` is where the set lay, if it was read from a folder.
@@ -311,7 +311,7 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str,
     """Write tensors with a JSON header in one file, whole or not at all."""
     kept = {name: value.detach().contiguous() for name, value in tensors.items()}
     header = {"facts": json.dumps(facts)}
-    data = safetensors.torch.save(kept, header)  # its own writer tells a full disk in its own way
+    data = safetensors.torch.save(kept, header)  # its own writer reports a full disk in its own way
     write_bytes_whole(path, data)
 
 

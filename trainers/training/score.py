@@ -49,7 +49,7 @@ def unlearned_forces(
 ) -> dict[str, Tensor]:
     """Forces (N, o) that need no learning, for every sample of a tape laid with the same arguments.
 
-    By name: nothing at all, and what a set's observer told at that sample, where it carries one.
+    By name: a force of zero, and what a set's observer said at that sample, where it has one.
     """
     forecasts = {"zero": torch.zeros_like(tape.force)}
     episodes = data.part(split)

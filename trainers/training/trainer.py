@@ -126,7 +126,7 @@ def settings_for(
 
 
 def idle_settings(arch: str) -> set[str]:
-    """The fit settings that change nothing for an architecture, as its dimensions tell."""
+    """The fit settings that change nothing for an architecture, by its dimensions."""
     if ARCHITECTURES[arch].solved:
         return {field.name for field in dataclasses.fields(FitSettings)}
     searched = {dimension.name for dimension in ARCHITECTURES[arch].dimensions}
@@ -391,7 +391,7 @@ def _resume(path: Path, fit: Fit) -> float:
 
 
 def standing_in(facts: Mapping[str, Any]) -> Standing:
-    """Where the fit of a checkpoint stands. KeyError, ValueError, TypeError: it tells none."""
+    """Where the fit of a checkpoint stands; KeyError, ValueError or TypeError if it says none."""
     histories = (facts["history"], facts.get("training_history", ()))
     return Standing(*(tuple(map(float, losses)) for losses in histories))
 

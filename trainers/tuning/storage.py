@@ -40,7 +40,7 @@ _UNREACHABLE = (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInterna
 
 
 class Place:
-    """Where a study is kept; `name` may be shown, since it never tells a password.
+    """Where a study is kept; `name` may be shown, since it never holds a password.
 
     Raises UnusableInput for an address that is not PostgreSQL's.
     """
@@ -61,7 +61,7 @@ class Place:
         return self._url is None
 
     def open(self, on_lost: OnLost) -> BaseStorage:
-        """Connect; `on_lost` is told of trials of other machines whose heart no longer beats.
+        """Connect; `on_lost` gets the trials of other machines whose heart no longer beats.
 
         Raises UnusableInput for a database that cannot be reached and for a damaged journal.
         """
@@ -300,5 +300,5 @@ def _secrets(url: URL) -> list[str]:
 
 
 def _lost(error: BaseException | None) -> bool:
-    """Whether a heartbeat failed; the trial's own thread meets the same failure and tells it."""
+    """Whether a heartbeat failed; the trial's own thread meets the same failure and reports it."""
     return isinstance(error, _UNREACHABLE)

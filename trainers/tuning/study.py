@@ -156,7 +156,7 @@ def _enqueue_again(study: optuna.Study, trial: FrozenTrial, marks: dict[str, Any
 
 
 def _point(trial: FrozenTrial) -> dict[str, Any]:
-    """What was drawn of a trial's point, or what it had been told."""
+    """A trial's point: what was drawn for it, and what was set before."""
     return {**fixed_params(trial), **trial.params}
 
 
@@ -255,7 +255,7 @@ def _machine() -> str:
 def _born(pid: int) -> str | None:
     """When a process began, in the kernel's ticks; None where there is no such process.
 
-    Where the kernel does not tell, processes are known by their number alone.
+    If the kernel does not say, processes are known by their number alone.
     """
     if not Path("/proc/self/stat").exists():
         try:

@@ -54,7 +54,7 @@ _LEAVE_S = 120.0  # an interrupted worker's time to record its trial, on a busy 
 
 @dataclass(frozen=True)
 class Work:
-    """What every worker is told; `trials` is how many are to be finished in all.
+    """What every worker gets; `trials` is how many are to be finished in all.
 
     With `give_up_elsewhere` what other machines are at when we begin counts as lost.
     """
@@ -244,7 +244,7 @@ class _Crew:
         context = multiprocessing.get_context("spawn")  # torch does not survive a fork
         reading, writing = context.Pipe(duplex=False)
         member = context.Process(target=_member, args=(self.work, writing))
-        with deaf_to_ctrl_c():  # the parent tells its workers in order
+        with deaf_to_ctrl_c():  # the parent stops its workers in order
             member.start()
             writing.close()
             self.members[member] = reading

@@ -68,7 +68,7 @@ class Flight:
     """One flight: its run log, a row per tick of 1/32 s, and where it was recorded.
 
     `flight["z_est_m"]` is a column (T,); its name ends with its unit (`_m`, `_s`, `_n`, `_mps`,
-    `_us`). `ended` is "whole", or what ended it; "" where the log does not tell. KeyError for an
+    `_us`). `ended` is "whole", or what ended it; "" if the log does not say. KeyError for an
     unknown column; UnusableInput from `read` for a file that is no run log.
     """
 

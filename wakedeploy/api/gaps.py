@@ -97,7 +97,7 @@ class Gap:
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """The effects that these logs cannot tell apart; () where there are none such."""
+        """The effects that these logs cannot tell apart; () without any."""
         return tuple(self.result.rivals)
 
     @property
@@ -371,7 +371,7 @@ def trainer(minutes: float | None, workers: int, progress: Progress) -> "Retrain
     """What trains predictors on both rigs, and scores them on the flights that are shown."""
     if minutes is None:
         return None
-    import trainers.training.trainer  # noqa: F401  what is not installed is told before minutes of fits
+    import trainers.training.trainer  # noqa: F401  refuses before minutes of fits, if not installed
     from wakedeploy.gap.systems.gantry.retraining import retrain
 
     def train(old: Rig, corrected: Rig, logs: Sequence[Path], out: Path) -> Retraining:

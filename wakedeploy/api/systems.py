@@ -37,7 +37,7 @@ Measured = Sequence[Recording | PathLike]
 
 @dataclass(frozen=True)
 class Taken:
-    """A step that was taken: what it told, files beside it, and the commands that may follow."""
+    """A step that was taken: what it said, files beside it, and the commands that may follow."""
 
     told: Artefact
     exported: tuple[str, ...] = ()

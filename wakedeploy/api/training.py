@@ -76,7 +76,7 @@ class _Manner:
     pictures: bool
     progress: Progress
     warn: Warn
-    baselines: "Callable[[int], Mapping[str, Score]]"  # after so many samples of warm-up
+    baselines: "Callable[[int], Mapping[str, Score]]"  # takes the samples of warm-up
 
 
 def train(
@@ -120,7 +120,7 @@ def train(
         threads: CPU threads of torch meanwhile. On the CPU the same number gives the same weights.
         device: "auto", "cpu" or "cuda".
         fresh: Replace runs that lie in `out` already.
-        tracker: "tensorboard" or "mlflow": also tell it losses, scores and pictures.
+        tracker: "tensorboard" or "mlflow": also report losses, scores and pictures to it.
         pictures: Draw `curves.png` and `prediction.png` into the folder of each run, and write its
             page, `report.html`.
         progress: Called with a stage, the epochs done and their number.
@@ -318,7 +318,7 @@ def _with_history(config: "RunConfig") -> str:
 
 
 def _opened(tracker: str | None, out: Path, warn: Warn) -> "Tracker | None":
-    """The tracker asked for; says where it keeps what it is told."""
+    """The tracker asked for; prints where it keeps what it gets."""
     from trainers.trackers import open_tracker
 
     if tracker is None:
@@ -333,7 +333,7 @@ def _opened(tracker: str | None, out: Path, warn: Warn) -> "Tracker | None":
 
 @contextmanager
 def _threads(count: int) -> Iterator[None]:
-    """Let torch compute with so many threads in the block."""
+    """Let torch compute with `count` threads in the block."""
     import torch
 
     before = torch.get_num_threads()

@@ -54,7 +54,7 @@ _UNUSABLE = (
 
 
 class _Commands(Group):
-    """Loads a command's file when it is asked for, and tells failures in one sentence."""
+    """Loads a command's file when it is asked for, and reports failures in one sentence."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """As a program: a polite kill interrupts it as Ctrl-C does, until its work is done."""
@@ -142,7 +142,7 @@ def _sentence(error: Exception) -> str:
 
 
 def _missing_library(error: Exception) -> str | None:
-    """The library outside this project whose absence the error tells of."""
+    """The library outside this project that the error says is missing."""
     name = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     return name if name not in ("", "wakedeploy", "trainers", "export", "runtime") else None
 

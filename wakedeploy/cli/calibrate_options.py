@@ -158,7 +158,7 @@ class Request:
     ) -> "list[RunLog]":
         """The logs recorded earlier, or one from each run now.
 
-        A run is what the operator is told before it ("" for nothing) and what `record` takes after
+        A run is what the operator reads before it ("" for nothing) and what `record` takes after
         site and rig.
         """
         if self.logs:
@@ -207,7 +207,7 @@ class Request:
             click.prompt("Press Enter when it is done", default="", show_default=False, err=True)
 
     def finish(self, rig: "Rig", outcome: "Outcome") -> None:
-        """Write the constants, then tell what they were and are."""
+        """Write the constants, then print what they were and are."""
         from wakedeploy.rig.update import update_rig
 
         date = _today()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
 
 _FIRST = 20  # episodes, notes and facts that the terminal shows
-_COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance tells
+_COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance says
 
 
 @click.group(cls=Group)
@@ -142,7 +142,7 @@ def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
 
 
 def _recordings(described: "EpisodeSet") -> dict[str, dict[str, int]]:
-    """How many recordings each split has; nothing where the provenance does not tell all of it."""
+    """How many recordings each split has; nothing if the provenance does not say all of it."""
     from wakedeploy.core.episodes import SPLITS
 
     counts: Any = described.provenance.get("recordings")

@@ -42,7 +42,7 @@ CALIBRATIONS = {
     "spool.sufferer.up_s": "spool",
     "spool.sufferer.down_s": "spool",
 }
-# What these calibrations have to be told besides, as an example.
+# What these calibrations need besides, as an example.
 _ASKED = {
     "range": " --height-m 0 --height-m 0.4 --height-m 0.8",
     "thrust": " --mass-kg 0 --mass-kg 0.1 --mass-kg 0.2 --mass-kg 0",
@@ -75,7 +75,7 @@ def command(rig_path: Path | None, json_path: Path | None) -> None:
         wakedeploy doctor
         wakedeploy doctor --rig rig.toml
     """
-    findings = calibrations(rig_path) if rig_path else []  # a file that is none is told first
+    findings = calibrations(rig_path) if rig_path else []  # first, to refuse a file that is no rig
     findings = _looked() + findings
     rows = [[f.name, f.state, f.found] for f in findings]
     print_table("This machine", ["what", "state", "found"], rows)

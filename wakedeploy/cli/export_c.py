@@ -109,11 +109,11 @@ class CWish:
             _flags(options["c_flags"]),
         )
         if folder is not None:
-            wish.for_export()  # told before minutes are spent
+            wish.for_export()  # raises before minutes are spent
         return wish
 
     def for_export(self) -> "Wish":
-        """The same for the package that writes C; what can be known to fail is told here."""
+        """This wish as the exporter takes it. Raises now for whatever is already known to fail."""
         from wakedeploy.api.compiled import AsC, wish_of
 
         assert self.folder is not None

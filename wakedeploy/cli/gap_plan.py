@@ -194,7 +194,7 @@ def _option_row(option: "Option", pairs: list[tuple[int, int]]) -> list[str]:
 
 
 def _keep(made: "Plan", out: Path) -> None:
-    """plan.json, and where they are of this class, a result and a report that tell of it."""
+    """Write plan.json, and add the plan to the result and report, if they are of this class."""
     from wakedeploy.gap.report.page import write_report
     from wakedeploy.gap.systems.gantry.workflow import plan_kept
 

@@ -1,4 +1,4 @@
-"""`wakedeploy gap reference`: what ordinary flights tell of a rig beyond its file."""
+"""`wakedeploy gap reference`: what ordinary flights show of a rig beyond its file."""
 
 from pathlib import Path
 

@@ -210,7 +210,7 @@ def run_steps(
 
 
 def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> None:
-    """What a step told, the files that it left, and what may follow."""
+    """Print what a step said, the files that it left, and what may follow."""
     from wakedeploy.gap.search.artefacts import Answer, Result
     from wakedeploy.gap.systems.answers.folder import correction_told, planned_in
     from wakedeploy.gap.systems.answers.words import sentences

@@ -10,7 +10,7 @@ from wakedeploy.core.names import meant, near
 
 _UNCUT = 10_000
 
-# What people type elsewhere, and what it is called here; the first that a command has is told.
+# What people type elsewhere, and what it is called here; the first that a command has is named.
 OPTIONS: Mapping[str, tuple[str, ...]] = {
     "--architecture": ("--arch",),
     "--checkpoint": ("--run", "--runs", "--package"),

@@ -11,7 +11,7 @@ _SILENT_S = 2.0  # what takes no longer says nothing, and no two lines are neare
 _LINE_S = 60.0
 _LOOK_S = 0.5
 _AT_ONCE_S = 0.1  # what is done so soon was done before
-_KNOWN_S = 10.0  # of steps, before which nothing is known of the others; nor is less told as left
+_KNOWN_S = 10.0  # steps of less in all say nothing of the others; no less is shown as left
 
 
 class LogLines:
@@ -21,7 +21,7 @@ class LogLines:
     learned about the time that the others take; nor of steps that took ten seconds together, as
     what follows may be of another kind. A step that takes longer than those before it leaves the
     estimate out, and so do less than ten seconds: the last step may not be the end of the work.
-    `counted` tells steps instead of per cent.
+    `counted` shows steps instead of per cent.
     """
 
     def __init__(self, what: str, total: int = 0, done: int = 0, *, counted: bool = False) -> None:

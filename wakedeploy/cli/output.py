@@ -74,7 +74,7 @@ def progress(
         lines.end()
         return
     columns = [*Progress.get_default_columns(), *([MofNCompleteColumn()] if counted else [])]
-    # Steps may take minutes: time left is told from all of them, not from the last half minute's.
+    # Steps may take minutes: time left is estimated from all steps, not from the last half minute.
     shown = Progress(
         *columns,
         console=console,
@@ -91,7 +91,7 @@ def progress(
 
 
 class StageBars:
-    """A bar for each stage that work tells of; serves as its `progress`."""
+    """A bar for each stage that work reports; serves as its `progress`."""
 
     def __init__(self, shown: contextlib.ExitStack) -> None:
         self._shown, self._stage, self._bar = shown, "", Bar(lambda done, total: None, 0)

@@ -2,8 +2,8 @@
 
 Architectures, effects and domains are not listed anywhere. One of this project is a module of the
 folder `Kind.package` that defines `Kind.constant` at its top level. One of another package is an
-entry point of the group `Kind.group`, which names such a constant. Names are told without an import
-of what they name: torch and numba take seconds to load.
+entry point of the group `Kind.group`, which names such a constant. Names are listed without an
+import of what they name: torch and numba take seconds to load.
 """
 
 import ast

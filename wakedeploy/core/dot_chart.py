@@ -23,7 +23,7 @@ BLUE, ORANGE, GREEN, GREY = "of-0", "of-1", "of-2", "of-rest"  # the classes of 
 
 @dataclass(frozen=True)
 class Dot:
-    """A named value with its interval; what is NaN is not drawn. A pointer is told what it `says`.
+    """A named value with its interval; what is NaN is not drawn. A pointer reads what it `says`.
 
     `note` stands beside it; a marked one stands out.
     """
@@ -70,12 +70,12 @@ class DotChart:
 
     @property
     def y_bottom(self) -> int:
-        """Of the axis."""
+        """Where the axis ends at the bottom [px]."""
         return self.y_top + _ROW * len(self.dots)
 
     @property
     def height(self) -> int:
-        """Of the drawing."""
+        """The height of the drawing [px]."""
         return self.y_bottom + _BOTTOM
 
     @property

@@ -32,7 +32,7 @@ DESCRIPTION = "dataset.json"
 SPLITS = ("train", "validation", "test")
 WINDOW_SNAPSHOTS = 30
 FILTERED = "filtered"  # in a set's provenance: how observations were filtered, in words, by name
-OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
+OBSERVER = "observer_n"  # extra of sets whose sufferer's motion shows a force without learning
 
 _EPISODE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _EXTRA_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
@@ -326,7 +326,7 @@ class _Document(_Record):
 def whole_steps(steps: float) -> int:
     """The floor, forgiving a thousandth of a step: 0.29 s at 100 Hz is 29 steps, not 28.
 
-    Seconds that files tell to the microsecond are as many steps as they were.
+    Seconds that files state to the microsecond are as many steps as they were.
     """
     return math.floor(steps + 1e-3)
 

@@ -9,7 +9,7 @@ _HEAD, _TAIL = 600, 250  # letters of a sentence that is too long: where, and wh
 
 
 class WakedeployError(Exception):
-    """An error told to the user as one sentence: what is wrong, where, what to do.
+    """An error that the user reads as one sentence: what is wrong, where, what to do.
 
     Whatever a file has put into it, it is one line that a terminal can show, and not a long one.
     """

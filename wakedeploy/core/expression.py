@@ -2,7 +2,7 @@
 
 In: a text such as "c1*sin(9.42*time_s) + c2*x_m". Out: an `Expression`, which gives values from
 numbers or arrays, and the same text again. The grammar is Python's, but knows only numbers, the
-names it is told, + - * / **, and nine functions; an exponent is a plain number from -8 to 8.
+names it is given, + - * / **, and nine functions; an exponent is a plain number from -8 to 8.
 """
 
 import re
@@ -144,7 +144,7 @@ class Expression:
 
 
 def parse(text: str, names: Collection[str] = VARIABLES) -> Expression:
-    """Read an expression in `names`; UnusableInput tells the character (from 1) and what is wrong.
+    """Read an expression in `names`; UnusableInput names the character (from 1) and what is wrong.
 
     Besides the grammar, it bounds length, nesting and exponents, so that an expression from
     anybody's file can be read and evaluated safely.

@@ -118,7 +118,7 @@ class ForceChannel(_Ranged):
 
     @property
     def width(self) -> float:
-        """Of the range; 1 where the force never moved, as in its normalisation."""
+        """The width of the range; 1 where the force never moved, as in its normalisation."""
         return self.max - self.min or 1.0
 
     @property

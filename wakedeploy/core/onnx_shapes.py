@@ -1,4 +1,4 @@
-"""What a step of a graph costs, told from its shapes before anything is run.
+"""What a step of a graph costs, computed from its shapes before anything is run.
 
 Every length in a package's graph is a constant but for the batch, so that memory and work of a step
 do not depend on what it is given. Shapes follow from onnx.proto3's operators (version 20), as far

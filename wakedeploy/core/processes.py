@@ -20,7 +20,7 @@ Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 
 def default_workers() -> int:
-    """How many processes share work unless told: one for each core that this one may use."""
+    """How many processes share work by default: one for each core that this one may use."""
     if hasattr(os, "sched_getaffinity"):
         return min(len(os.sched_getaffinity(0)), MOST_WORKERS)
     return min(os.cpu_count() or 1, MOST_WORKERS)
@@ -31,7 +31,7 @@ def deaf_to_ctrl_c() -> Iterator[None]:
     """Processes spawned in the block never hear Ctrl-C, which a terminal sends to all of a group.
 
     The parent decides what becomes of them: one that is still starting would print a traceback, one
-    that is told by the parent as well would be interrupted twice.
+    that the parent interrupts as well would be interrupted twice.
     """
     resource_tracker.ensure_running()  # starting it lets Ctrl-C through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

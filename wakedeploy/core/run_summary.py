@@ -24,7 +24,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What `log show` tells. Times in s, lengths in m, counts of ticks.
+    """What `log show` prints. Times in s, lengths in m, counts of ticks.
 
     `is_virtual`: flown on a virtual gantry, which has no cables. `tracking_rmse_m` is reference
     minus estimated height while flying, `true_tracking_rmse_m` the same for the true height of a
@@ -103,7 +103,7 @@ def summarise(log: RunLog) -> RunSummary:
 def _overruns(log: RunLog, computing_s: FloatArray, period_s: float, dropped: int) -> int:
     """Ticks slower than a period, and gaps on the grid that are not the recorder's own losses.
 
-    The run itself counts the same two (`runtime.loop.tally`); time would not tell them: a tick that
+    The run itself counts the same two (`runtime.loop.tally`); time would not show them: a tick that
     began late is followed by one that did not.
     """
     slow = computing_s > period_s
@@ -118,7 +118,7 @@ def _faults(log: RunLog) -> dict[str, int]:
 
 
 def _failsafe(log: RunLog) -> tuple[float, str]:
-    """When the failsafe began, and the first fault of its first tick that tells one."""
+    """When the failsafe began, and the first fault of its first tick that names one."""
     down = np.flatnonzero(log["mode"] == "FAILSAFE")
     if not len(down):
         return float("nan"), ""

@@ -71,7 +71,7 @@ class RunLog:
 
     @property
     def rate_hz(self) -> float:
-        """Ticks per second: from the metadata, else from the median step; NaN if neither tells."""
+        """Ticks per second: from the metadata, else from the median step; NaN if neither says."""
         stated = self.metadata.get("rate_hz", "")
         if stated:
             return float(stated)
@@ -86,7 +86,7 @@ class RunLog:
     def tracking_rmse_m(self, height: str = "z_est_m") -> float:
         """Root mean square of reference minus `height` over the flying ticks [m]; NaN without any.
 
-        `height` is "z_est_m", or "true_z_m" where a simulation tells it.
+        `height` is "z_est_m", or "true_z_m" where a simulation knows it.
         """
         error_m = (self["z_ref_m"] - self[height])[self.flying]
         known_m = error_m[np.isfinite(error_m)]

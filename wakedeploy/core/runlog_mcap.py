@@ -176,7 +176,7 @@ def read_mcap(path: Path) -> Table:
     found = _Found()
     problem = _read_into(found, path)
     if found.metadata is None:
-        if isinstance(problem, InvalidMagic):  # another kind of file, whose first bytes tell nobody
+        if isinstance(problem, InvalidMagic):  # another kind of file, whose first bytes help nobody
             raise UnusableInput(
                 f"{path}: is not an MCAP run log of wakedeploy; name what --log has recorded "
                 "(.mcap), or what `wakedeploy log export` made of it (.csv)."

@@ -163,7 +163,7 @@ class Site:
         try:
             yield
         except BaseException:  # Ctrl-C as well
-            with contextlib.suppress(WakedeployError):  # what is to be told has happened before
+            with contextlib.suppress(WakedeployError):  # the first error is the one to report
                 self.remote.run(f"rm -f {shlex.quote(f'{self._folder}/packages/{temporary}')}")
             raise
 

@@ -37,7 +37,7 @@ OBSERVATION = (
     Channel("source_mass_kg", "kg"),
     Channel("sufferer_mass_kg", "kg"),
 )
-# Channels into which the sufferer's own motion goes: their past tells its acceleration. Its battery
+# Channels into which the sufferer's own motion goes: their past shows its acceleration. Its battery
 # sags with its own thrust.
 OWN_MOTION = tuple(c.name for c in OBSERVATION if not c.name.startswith("source_"))
 FORCE = tuple(Channel(f"force_{axis}_n", "N") for axis in "xyz")
@@ -74,7 +74,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
 
     `progress(done, total)` is called after each flight. The provenance has who flew by whom in each
     episode, which flight it is of (`groups`: both sufferers of one flight share its air), and which
-    channels tell of the sufferer's own motion.
+    channels show the sufferer's own motion.
     """
     files = _find(path)
     episodes, split, splits = list[Episode](), dict[str, str](), _split(files)

@@ -20,7 +20,7 @@ class Setting:
     """What a domain takes beside a path, or minutes and seed; on the command line as `--NAME`.
 
     One of `choices`, a number from `low` to `high`, the rig that is simulated, or packages that
-    fly in it; `help` tells a user.
+    fly in it; `help` is for a user.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Simulated(_Domain):
     """A domain whose episodes are simulated.
 
     `make(minutes=, seed=, progress=, **settings)` returns the set, the same for the same seed;
-    with `workers=` where it starts processes. `minutes` are made unless told; studies make
+    with `workers=` where it starts processes. By default it makes `minutes`; studies make
     `study_minutes` or, for a quick look, `quick_minutes`.
     """
 

@@ -43,7 +43,7 @@ OBSERVATION = (
     Channel("sufferer_thrust_z_n", "N"),
 )
 # Channels into which the sufferer's own motion goes. Nothing here is noisy: their differences from
-# step to step tell most of the force.
+# step to step show most of the force.
 OWN_MOTION = tuple(c.name for c in OBSERVATION if not c.name.startswith("source_"))
 FORCE = (Channel("force_x_n", "N"), Channel("force_z_n", "N"))
 _LOCKSTEP = 16  # episodes; their fields still fit into a core's cache one by one
@@ -194,7 +194,7 @@ def make_set(
 
     Half of them fly with roughly the true force as feedforward, so that a predictor meets the
     motion that its own will cause. It has to be wrong: after an exact one the sufferer's own thrust
-    tells the force, and a predictor that has learned so believes itself in flight. With `spread`,
+    shows the force, and a predictor that has learned so believes itself in flight. With `spread`,
     wake speed, diffusivity and separation are drawn anew for each episode, uniformly within that
     share of their nominal values, which are those of `world`. `progress(done, total)`.
     """
@@ -329,7 +329,7 @@ def _ways(seeds: Sequence[int], world: World, steps: int) -> tuple[FloatArray, F
 
     Each is a sum of three sines between the fastest rate and 2/7 of it. At 3.5 rad/s the source
     goes as far as the wake is wide while the wake sinks to the sufferer; the slower it goes, the
-    more the present tells of the force.
+    more the present says of the force.
     """
     time_s = np.arange(steps) * DT_S
     source, sufferer = (np.zeros((steps, len(seeds), 6)) for _ in range(2))

@@ -26,7 +26,7 @@ _BURST_S = 0.005  # records closer than this arrived together
 _LOWEST_DUTY = 5.0  # below, a sensorless motor is being started or stopped, which is no lag
 _FEWEST = 30  # samples of a step
 _MOST_BYTES = 16 << 20  # of a log as text, an hour of records
-_ABSURD = 1e6  # no motor has so many revolutions a minute
+_ABSURD = 1e6  # [1/min] no motor turns as fast
 
 Vector = NDArray[np.float64]
 

@@ -43,7 +43,7 @@ OBSERVATION = (
     Channel("sufferer_vz_mps", "m/s"),
     *(Channel(f"{part}_{name}", "1") for name in _ANGLES for part in ("cos", "sin")),
 )
-# Channels into which the sufferer's own motion goes: their past tells its acceleration.
+# Channels into which the sufferer's own motion goes: their past shows its acceleration.
 OWN_MOTION = tuple(c.name for c in OBSERVATION if not c.name.startswith("source_"))
 OBSERVER_S = 0.025  # over which the no-learning observer takes the sufferer's change of speed
 LABEL = Setting(
@@ -68,7 +68,7 @@ def import_set(
     (`observer_n`, (T, 3) [N], causal) and whether the thrust curve holds (`thrust_valid`, (T,)).
     `progress(done, total)` is called after each flight. The provenance has each episode's
     manoeuvre and course (`groups`), how many files and courses each split has, and which channels
-    tell of the sufferer's own motion.
+    show the sufferer's own motion.
     """
     flights = read_flights(path)
     courses = courses_of(flights)

@@ -36,7 +36,7 @@ _CRASH_RAD = 0.8
 _SMOOTHED = 21  # samples of the authors' filter, 50 ms to either side
 _SHORTEST = 200  # samples
 _UNIT = 0.05  # by which a quaternion's length may be off
-_OFF = 0.05  # of the way that velocities tell; the public files agree within 0.001
+_OFF = 0.05  # of the way that velocities give; the public files agree within 0.001
 _STILL_MPS = 0.02  # slower than this, noise would decide
 _STATES = ("uav_1_states", "uav_2_states")
 _PLANNED = ("uav_1_planned_pos", "uav_2_planned_pos")
@@ -48,7 +48,7 @@ class Flight:
 
     `file` is the recording that it was cut from, `stated_n` the file's own label of the z axis
     (n,), where it has one. `planned_m` is where the whole file's flight plan has source and
-    sufferer (·, 6), where the file tells.
+    sufferer (·, 6), if the file says.
     """
 
     name: str

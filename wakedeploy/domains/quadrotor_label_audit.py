@@ -116,7 +116,7 @@ def _turning_up(flights: Sequence[Flight]) -> list[float]:
 
 
 def _correlation(x: FloatArray, y: FloatArray) -> float:
-    """Of two series; NaN where one of them does not vary."""
+    """The correlation of two series; NaN where one of them does not vary."""
     spread = float(x.std() * y.std())
     return float(np.mean((x - x.mean()) * (y - y.mean()))) / spread if spread else float("nan")
 

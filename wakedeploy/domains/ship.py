@@ -39,7 +39,7 @@ OBSERVATION = (
     Channel("depth_over_draught", "1"),
 )
 # Channels into which the sufferer's own motion under these forces goes: differentiated, their past
-# tells the force without any knowledge of wakes. Along the channel a ship does not answer to them:
+# shows the force without any knowledge of wakes. Along the channel a ship does not answer to them:
 # the way along it, and both speeds ahead, may be remembered.
 OWN_MOTION = ("dy_m", "dvy_mps", "sufferer_heading_rad", "sufferer_aside_m")
 FORCE = (Channel("sway_n", "N"), Channel("yaw_nm", "N m"))

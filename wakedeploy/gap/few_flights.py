@@ -11,12 +11,12 @@ _NUMBERS = ("no", "one", "two", "three", "four", "five", "six")
 
 
 def cannot_tell(flights: int) -> bool:
-    """Whether so many are too few for any verdict; not so 0, which stands for "not known"."""
+    """Whether this many flights are too few for a verdict. False for 0, which means "not known"."""
     return flights > 0 and flights - sealed_count(flights) < RULES.fewest_flights
 
 
 def unconfirmed(flights: int) -> bool:
-    """Whether so many give a verdict, and none is kept apart to confirm it."""
+    """Whether this many flights give a verdict but leave none to confirm it."""
     return 0 < flights < FEWEST_IN_ALL and not cannot_tell(flights)
 
 

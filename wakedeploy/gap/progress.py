@@ -1,4 +1,4 @@
-"""How the workflow tells what it is doing: a stage in words, and how far it is."""
+"""How the workflow reports what it is doing: a stage in words, and how far it is."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -9,7 +9,7 @@ StepsDone = Callable[[int, int], None]  # called with the steps done and how man
 class Progress(Protocol):
     """Called with a stage's words when it begins, and again with the steps done and their number.
 
-    Both are 0 where a stage cannot tell.
+    Both are 0 if a stage does not know them.
     """
 
     def __call__(self, stage: str, done: int = 0, total: int = 0, /) -> None:

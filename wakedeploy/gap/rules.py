@@ -19,17 +19,17 @@ class Rules:
         false_alarms: Share of recordings without any missing effect in which one may be named.
         steady_alarms: The part of these in which an effect may be named because it gains in block
             after block.
-        false_discoveries: Share of the places told that noise alone may have made.
+        false_discoveries: Share of the reported places that noise alone may have made.
         forbids_none_q: A place of this q value or below speaks against "nothing is missing"; one
             in fifty recordings has it by chance.
-        white_quantile: Of white noise, so many recordings pass as white.
+        white_quantile: Share of recordings of white noise that pass as white.
         least_nats: Nothing is named for less, however little chance brings.
         speaks_nats: Sealed recordings that gain less say nothing about an effect.
         sure_share: Share of the recordings in which an effect has to be found for it to count as
-            one that such recordings tell.
-        bent_sd: A constant so many standard deviations from where it is stated is told, and what
-            was found beside it doubted; of twenty constants, chance bends one as far in one case of
-            twenty.
+            one that such recordings show.
+        bent_sd: A constant this many standard deviations from its stated value is reported, and
+            what was found beside it doubted; of twenty constants, chance bends one as far in one
+            case of twenty.
         class_nats: Rivals within this of the best cannot be told from it: odds of 1 to 20.
         most_in_class: More rivals than these are no class; the answer is then unknown.
         least_share: Share of the squared error of forecasts that an effect removes to matter.
@@ -48,29 +48,29 @@ class Rules:
             to predict far ahead.
         interval_quantile: Where the ends of intervals of gains and sizes lie, of what chance brings
             to one side: 90 % lie between both.
-        fewest_blocks: Gains in so many blocks have a spread that says something.
-        plain_times: An effect that gains so many times what chance brings is needed by any account,
-            and no longer tried against the answer without it.
+        fewest_blocks: Gains in fewer blocks than this have a spread that says nothing.
+        plain_times: An effect that gains this many times what chance brings is needed by any
+            account, and no longer tried against the answer without it.
         port_share: Share of what a kind gains at one port that it needs at ports alike to be asked
             for there, too.
-        far_stretch: A stretch of forecasts counts for no more than so many typical ones: from an
+        far_stretch: A stretch of forecasts counts for no more than this many typical ones: from an
             unstable state all models run away.
-        fewest_far: Stretches that err by more than `far_stretch` count in full where there are so
-            many of them, and an effect halves the error of each.
+        fewest_far: Stretches that err by more than `far_stretch` count in full where there are at
+            least this many, and an effect halves the error of each.
         far_lost_share: They do not where the other stretches lose more than this share of what
             these gain.
-        push_share: A lasting push above this share of the usual rate is told; any model's form may
-            be off by as much.
+        push_share: A lasting push above this share of the usual rate is reported; any model's form
+            may be off by as much.
         push_ln_sd: The logarithm of its size is known better than to this.
-        followed_share: Share of a push's variance that a coordinate tells, for the push to follow
-            it.
+        followed_share: Share of a push's variance that a coordinate explains, for the push to
+            follow it.
         late_nats: Outputs that move before their input does have to say so by this much, and more
             than any delay does; chance brings none.
-        hides_nats: A candidate that is not named and gains more is told as what a calibration may
-            hide: about half of what a constant hides that has moved by three spreads.
+        hides_nats: A candidate that is not named and gains more is reported as what a calibration
+            may hide: about half of what a constant hides that has moved by three spreads.
         error_trifle: Share by which an output's error may change without being worth a word.
-        constant_ends: A constant is told otherwise than stated where its stated value is so many
-            times as far from the fitted one as the end of its interval,
+        constant_ends: A constant is reported as other than stated where its stated value is this
+            many times as far from the fitted one as the end of its interval,
         constant_trifle: and by more than this share of it.
         sealed_share: Share of the blocks of a system's logs that is kept to confirm what was found
             in the others.
@@ -122,7 +122,7 @@ class Rules:
 
 
 def surely_nats(wanted: float, share: float = Rules.sure_share) -> float:
-    """The mean gain of which so many nats are left in that share of recordings.
+    """The mean gain that leaves at least `wanted` nats in this share of recordings.
 
     A gain of L nats scatters by √(2 L) from one to the next (Kay, Fundamentals of Statistical
     Signal Processing II, 1998, ch. 6).
@@ -135,9 +135,9 @@ RULES = Rules()
 
 
 def sealed_count(flights: int) -> int:
-    """How many of so many flights are sealed, for the gap to be shown on; the last ones.
+    """How many of `flights` flights, the last ones, are sealed to show the gap on.
 
-    Of three, none: two would be too few to find anything in. Each is then left out in turn.
+    None of three: two would be too few to find anything in. Each is then left out in turn.
     """
     return _SEALED.get(flights, _MOST_SEALED)
 

@@ -1,6 +1,6 @@
 """Find, name, add, show: the order of the steps, for every system.
 
-In: the `Steps` of a system, or a `Comparison` to search. Out: what the last step told. The gantry,
+In: the `Steps` of a system, or a `Comparison` to search. Out: what the last step found. The gantry,
 users' systems and recorded domains differ in what a step does, not in what follows what.
 """
 
@@ -47,7 +47,7 @@ class Steps(Protocol[Told]):
 
 
 def run(steps: Steps[Told], last: str) -> Told:
-    """The steps up to `last`; what that one told. "close" is all of them."""
+    """Run the steps up to `last` and return what that one found. "close" is all of them."""
     artefact = steps.find()
     for step in (steps.name, steps.add, steps.show)[: STEPS.index(_LAST.get(last, last))]:
         artefact = step()
@@ -58,7 +58,7 @@ _LAST = {"close": "show"}
 
 
 def concluded(model: Comparison, progress: Progress = quiet) -> Result:
-    """All that a search tells of a system that nothing can be added to, without files."""
+    """All that a search finds in a system that nothing can be added to, without files."""
     progress("fitting the baseline")
     base = fitted_base(model)
     found = found_in(model, base)
@@ -103,7 +103,7 @@ class Folder:
         return answer
 
     def show(self) -> Result:
-        """The gap before and after, with all that was told before it: domain.json."""
+        """The gap before and after, with all that was found before it: domain.json."""
         self.progress("forecasting what was sealed")
         model, found = self.found()
         base = self._fit(model, "name.json", (), self.name().base_theta)

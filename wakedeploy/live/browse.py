@@ -35,7 +35,7 @@ _REPORT_POLICY = (
 
 
 class Flights:
-    """What the pages of a folder are told."""
+    """What the pages of a folder get."""
 
     def __init__(self, folder: Path, token: str) -> None:
         self.folder = folder
@@ -223,7 +223,7 @@ def browse(folder: Path, listen: str, token_file: Path | None, tell: Callable[[s
         raise UnusableInput(f"{folder}: there is no such folder; name one that holds run logs.")
     address = address_of(listen)
     token = token_for(address, token_file)
-    flights = Flights(folder.resolve(), token)  # "." would tell nobody which
+    flights = Flights(folder.resolve(), token)  # "." would not say which
     sockets, address = bound(address)
 
     async def run() -> None:

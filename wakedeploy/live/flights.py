@@ -138,7 +138,7 @@ def _number(value: float, digits: int) -> float | None:
 
 
 class Index:
-    """The rows of a folder's logs. `refresh` reads what is new, `rows` tells what is known."""
+    """The rows of a folder's logs. `refresh` reads what is new, `rows` returns what is known."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -111,7 +111,7 @@ class Static(Answer):
 
 
 def _file(name: str) -> str | None:
-    """A file of the pages; None where there is none of this name."""
+    """The page file of this name; None without one."""
     if name == _LOOK:
         return text_file(name)
     source = files("wakedeploy.live") / "static" / name

@@ -124,7 +124,7 @@ class VerticalJet:
             return [self.velocity_ahead(x_m, z_m, lead_s, idle_after_s) for lead_s in leads_s]
         weights = self._table.weights(x_m, z_m - self._height_m)  # (M,)
         roots = self._history[self._newest : self._newest + self._length]
-        summed = [0.0, *np.cumsum(weights).tolist()]  # of so many, newest first
+        summed = [0.0, *np.cumsum(weights).tolist()]  # at k, the sum over the k newest
         found = []
         for lead_s in leads_s:
             steps = min(round(lead_s / self._dt_s), self._length)

@@ -445,7 +445,7 @@ def bumped(
 ) -> FloatArray:
     """A sum of Gaussian bumps over `at` (P, L), each of its size (B, L), at evenly spaced centres.
 
-    One exponential tells the first bump, one how much larger each next one is. Beyond `farthest`
+    One exponential gives the first bump, one how much larger each next one is. Beyond `farthest`
     there is nothing. A row of `at` that repeats the one before it is not computed again.
     """
     points, lanes = at.shape

@@ -22,7 +22,7 @@ STARTS_S = (0.04, 0.095, 0.15, 0.205, 0.26, 0.315, 0.37, 0.425, 0.48)  # the win
 QUICK_STARTS_S = (0.04, 0.15, 0.37)
 START = "initial_delay_s"
 TRUE, ALIAS, UNHARMED, ELSEWHERE = "true delay", "alias", "alias at no clear cost", "elsewhere"
-_DRAWS = 20_000  # so many that the tail that each run gets has some of them
+_DRAWS = 20_000  # enough for some in the tail that each run gets
 _RISK = 0.05  # of calling any run at all worse that is not
 
 

@@ -38,7 +38,7 @@ DISTANCE = "dz_m"  # the observation that says how far the wake has to sink
 class Case:
     """A set to be made, and what its delays follow from: the wake's speed, the source's lag.
 
-    `source_lag_s` is how long the observed source takes to make the wake that it is told to make:
+    `source_lag_s` is how long the observed source takes to make the wake that its command asks for:
     0 where its thrust is observed, and not its command.
     """
 
@@ -267,7 +267,7 @@ def by_run(lines: Sequence[Learned]) -> list[list[Learned]]:
 
 
 def best(lines: Sequence[Learned]) -> list[Learned]:
-    """Of each setting and seed the start that does best on validation."""
+    """The start of each setting and seed that does best on validation."""
     return [min(starts, key=lambda line: line.validation) for starts in by_run(lines)]
 
 

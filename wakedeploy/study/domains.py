@@ -109,7 +109,7 @@ def compare(
     """Score everything on the same samples after one warm-up; trains what is not trained yet.
 
     `epochs` is how long each is trained, if not as usual. `blinded`: also kept from the sufferer's
-    own past, where a set says which channels tell of it.
+    own past, where a set says which channels show it.
     """
     lines = list(_unlearned(data))
     for asked in _asked(data, architectures, seeds, epochs, blinded):

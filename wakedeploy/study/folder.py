@@ -117,7 +117,7 @@ def _written_part(part: Part, folder: Path) -> dict[str, Any]:
 
 
 def _written(folder: Path) -> list[Path]:
-    """What the study whose result lies in the folder wrote there, as far as it tells."""
+    """What the study whose result lies in the folder wrote there, as far as the result says."""
     try:
         result = json.loads((folder / _RESULT).read_bytes())
     except (OSError, ValueError):

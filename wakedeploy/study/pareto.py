@@ -20,7 +20,7 @@ from wakedeploy.study.runs import obtained_run
 
 Cost = Callable[["Point"], tuple[float, float]]  # at least and at most
 OnTick = Callable[[int, int], None]
-CHEAPER = 10.0  # the sentence tells what a step so many times cheaper costs
+CHEAPER = 10.0  # the sentence says what a step this many times cheaper costs
 ROUNDS = 4  # each model is flown so often, in turns with the others
 _PREDICT = "t_predict_s"  # the stage of the loop in which the package is stepped
 
@@ -59,7 +59,7 @@ class Point:
 
     @property
     def step_p99_ms(self) -> float:
-        """Of the quietest round: what else runs makes a step slower, never faster."""
+        """The 99th percentile of the quietest round: other programs only make a step slower."""
         return min(self.steps_p99_ms)
 
     def as_json(self) -> dict[str, Any]:

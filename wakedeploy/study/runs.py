@@ -68,7 +68,7 @@ def candidates(wanted: Wanted) -> list[Wanted]:
 
 
 def best_run(data: EpisodeSet, wanted: Wanted, runs: Path) -> "tuple[TrainedRun, Wanted]":
-    """Of the candidates for a wanted run the one that is best on validation; trains what is not."""
+    """The candidate for a wanted run that is best on validation; trains those that are missing."""
     tried = [(obtained_run(data, candidate, runs), candidate) for candidate in candidates(wanted)]
     return min(tried, key=lambda candidate: min(candidate[0].metrics.history))
 

@@ -47,7 +47,7 @@ class Domain:
 
 
 def _studied(name: str) -> Domain:
-    """A domain as its own file tells of it."""
+    """A domain as its own file describes it."""
     known, module = domain(name), offers(DOMAIN)[name].module
     if isinstance(known, Recorded):
         return Domain(

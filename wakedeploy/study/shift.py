@@ -158,7 +158,7 @@ def agreement(first: Shifted, other: Shifted) -> Agreement:
 
 
 def _clear(drawn: FloatArray) -> FloatArray:
-    """Of each pair of models who is ahead, 0 where the draws (L, D) do not tell: (pairs,)."""
+    """The sign of each pair's difference (pairs,); 0 where the draws (L, D) leave it open."""
     first, second = np.triu_indices(len(drawn), 1)
     low, high = np.quantile(drawn[first] - drawn[second], [0.005, 0.995], axis=1)
     return np.asarray((low > 0.0).astype(float) - (high < 0.0))

@@ -78,7 +78,7 @@ def _limits(axes: "Axes", every: Sequence[Shifted]) -> None:
 
 
 def summary(nominal: Shifted, spreads: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
-    """Millimetres and rank of each model at each spread; the last row tells how orders agree."""
+    """Millimetres and rank of each model at each spread; the last row says how orders agree."""
     columns = [
         "predictor",
         "nominal [mm]",

@@ -20,7 +20,7 @@ IntArray = npt.NDArray[np.int64]
 GROUPS = "groups"  # of a set's provenance: which episodes its split keeps together
 FEWEST = 8  # units: with fewer, drawing them says too little of how they differ
 _FEWEST_OF_ALL = 3
-_BLOCK_WINDOWS = 4.0  # a block is so many windows long: longer than errors stay alike
+_BLOCK_WINDOWS = 4.0  # a block's length in windows: longer than errors stay alike
 _DRAWS = 2000
 _TAIL = 0.05
 

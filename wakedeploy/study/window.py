@@ -15,7 +15,7 @@ the price of a training for each length. Its error with the state carried on fro
 episode's start stands beside it. On board it keeps its state, however long that past is; a window
 model keeps the samples of its window.
 
-Where a set says which channels tell of the sufferer's own motion, each model stands there once
+Where a set says which channels show the sufferer's own motion, each model stands there once
 more, kept from their past: else the shortest past that suffices may be that for differentiating
 them. Beside the models: predicting nothing, and a set's observer of that motion, which learns
 nothing.
@@ -190,7 +190,7 @@ def unlearned_of(points: Sequence[Seen]) -> list[Seen]:
 
 
 def transport_delay_s(data: EpisodeSet) -> float | None:
-    """How long the wake is under way on average, where a set and its simulation tell; or None.
+    """How long the wake is under way on average, if a set and its simulation say it; else None.
 
     On fish it is the lag at which the flag's tip follows the foil best.
     """

@@ -44,8 +44,8 @@ _NO_LIMIT = 1e9  # of jobs side by side: the resource admits, it does not count
 class Cluster:
     """The workers of a scheduler. A job whose worker is lost is done again by another.
 
-    Workers that join later are used as well, if they fit; of those that do not, `on_misfit` is told
-    once in a sentence, and they get no job.
+    Workers that join later are used as well, if they fit; those that do not get no job, and
+    `on_misfit` gets one sentence about each.
 
     A worker does one training at a time, however many threads it has. What a worker is at when the
     sweep is stopped runs to its end there and is not used.
@@ -69,7 +69,7 @@ class Cluster:
         self._fetches: collections.Counter[str] = collections.Counter()
         self._refused: set[str] = set()  # addresses of workers that do not fit
         self._reported: set[str] = set()  # what was said of them
-        # Lost workers and connections are this module's to tell of.
+        # This module reports lost workers and connections.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._client = _connected(address)
         try:
@@ -140,7 +140,7 @@ class Cluster:
 
     def _workers(self) -> Mapping[str, Any]:
         """What the scheduler says of each worker, by its address."""
-        # Releases of a year told of five workers only, unless asked for all (distributed #9045).
+        # Releases of a year report five workers only, unless asked for all (distributed #9045).
         workers: Mapping[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
         return workers
 

@@ -295,7 +295,7 @@ def _read(folder: Path, sha256: str) -> EpisodeSet:  # the hash, so that another
 
 
 def _scores(job: TrainJob, run: TrainedRun) -> Row:
-    """What `wakedeploy train` tells of a run."""
+    """What `wakedeploy train` reports of a run."""
     metrics = run.metrics
     return {
         "trainable": metrics.trainable,

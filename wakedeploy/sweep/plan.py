@@ -26,7 +26,7 @@ from wakedeploy.core.names import ALL, domains, meant
 from wakedeploy.core.validation import first_problem
 from wakedeploy.sweep.generate import Generate, checked
 
-Place = tuple[str | int, ...]  # of a value in the plan, as pydantic tells it
+Place = tuple[str | int, ...]  # of a value in the plan, as pydantic reports it
 Where = Callable[[Place], str]  # what an error about that place begins with
 
 

@@ -54,7 +54,7 @@ class TimeBase(_Table):
     column: Address | None = None
     """The column of stamps; None for the log's own clock (ULog, MCAP, rosbag2) or for a rate."""
     unit: str | None = None
-    """Of the stamps; seconds where nothing is said, and what the log's own clock counts in."""
+    """The unit of the stamps; by default seconds, or what the log's own clock counts in."""
     format: str | None = None
     """How stamps that are texts are written, as `strptime` takes it, or "iso"."""
     rate_hz: float | None = Field(default=None, ge=0, le=_MOST_HZ)
@@ -85,7 +85,7 @@ class Resampling(_Table):
     rate_hz: float = Field(gt=0, le=_MOST_HZ)
     method: Method = "hold"
     cutoff_hz: float | None = Field(default=None, gt=0)
-    """Of the low-pass filter; a quarter of the rate where nothing is said."""
+    """The cut-off [Hz] of the low-pass filter; by default a quarter of the rate."""
 
     @pydantic.model_validator(mode="after")
     def _cutoff_below_half(self) -> "Resampling":
@@ -180,7 +180,7 @@ class Column(_Table):
     one. Both know later samples, as what is learnt may, and what is seen may not.
     """
     wraps: bool | None = None
-    """Of an angle, whether it begins again after a turn, which is then taken out; False leaves it.
+    """Whether an angle begins again after a turn, which is then taken out; False leaves it.
 
     None: an output that jumps as such an angle does is unwrapped, unless it is learnt from, too.
     """

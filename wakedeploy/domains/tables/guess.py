@@ -1,7 +1,7 @@
 """A first `columns.toml` for a log: what can be seen in it, each guess marked as one.
 
 In: a log, or a folder of logs. Out: the text of a file that is read as it is once a person has
-given some of its columns a role. What cannot be seen (a rate that no file tells) is left so that
+given some of its columns a role. What cannot be seen (a rate that no file states) is left so that
 reading refuses it by name.
 """
 
@@ -162,8 +162,8 @@ def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[st
         if not is_even or any(_differs(t, timing) for file in files for t in file.timings):
             resampling = resampled(sampled for file in files for sampled in file.sampled())
     head = [
-        f"# What the columns of {path.absolute().name} mean, as far as it can be seen. Lines with a "
-        "question",
+        f"# What the columns of {path.absolute().name} mean, as far as it can be seen. Lines with "
+        "a question",
         "# mark are guesses. Give the columns that you need a role: input, output, observation or",
         '# force, or several as in ["input", "observation"]. All others are left out.',
         *said,
@@ -195,7 +195,7 @@ def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
 
 
 def _differs(one: Timing, other: Timing) -> bool:
-    """Whether two files of a folder have clocks that do not tell the same."""
+    """Whether two files of a folder have clocks that do not say the same."""
     if one.stamps_s is None or other.stamps_s is None:
         return False
     return not np.array_equal(one.stamps_s, other.stamps_s)

@@ -40,7 +40,7 @@ def _even(
 
 
 def _clock_of(name: str, seen: Values, clocks: Sequence[Timing]) -> Timing:
-    """Of the clocks that are as long as a column, that of its group, or with most of its words.
+    """A column's clock: of those as long as it, that of its group or with most of its words.
 
     Where none is nearer the first one stays.
     """
@@ -56,7 +56,7 @@ def _fits(clock: Timing, seen: Values) -> bool:
 
 
 def _is_beside(clock: Timing, first: Timing) -> bool:
-    """Whether a clock tells other times than the first one, and as long a log."""
+    """Whether a clock says other times than the first one, and is of as long a log."""
     if clock.stamps_s is None or first.stamps_s is None:
         return False
     share = float(np.ptp(clock.stamps_s)) / max(float(np.ptp(first.stamps_s)), _SHORTEST_S)

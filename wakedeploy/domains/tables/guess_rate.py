@@ -14,7 +14,7 @@ Vector = NDArray[np.float64]
 
 _IN_BURSTS = 1.5  # the step in which half of the time lies, over the median one
 _CLEAR = 0.4  # of a step, by which one may be off so that nobody doubts how many places it spans
-_FIRST, _NEAR = 500, 0.1  # stamps that tell a step first; the share by which the median may be off
+_FIRST, _NEAR = 500, 0.1  # stamps that give a step first; the share by which the median may be off
 _IN_PHASE = 0.3  # of all stamps; those that come at any time reach less
 _FEW_STAMPS = 5  # fewer say nothing but their median step
 _CLOCKS_DIFFER = 5e-4  # a share; two clocks that are meant to run alike differ by so much
@@ -68,7 +68,7 @@ def _step_of_grid(stamps_s: Vector) -> tuple[float, float]:
         spread_s = 1.5 * float(np.median(np.abs(steps_s - median_s)))
         return median_s, max(2.0 * spread_s / median_s / len(steps_s) ** 0.5, _CLOCKS_DIFFER)
     count, share = _FIRST, 0.0
-    while not share or count < 2 * len(stamps_s):  # what is known of some tells the places of more
+    while not share or count < 2 * len(stamps_s):  # the step of some gives the places of more
         part_s = stamps_s[:count]
         step_s, share = _line(np.rint((part_s - start_s) / step_s), part_s)
         count *= 2

@@ -1,4 +1,4 @@
-"""What a clock's numbers count in: as the log says, by the date that they tell, or by its rate.
+"""What a clock's numbers count in: by what the log says, by their date, or by the clock's rate.
 
 In: a clock's field and its numbers. Out: a unit of time, and whether it is a guess.
 """

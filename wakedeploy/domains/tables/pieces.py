@@ -56,7 +56,7 @@ def longest_silence(
 ) -> int | None:
     """The sample after a silence that looks like a gap; None where there is none.
 
-    Before a column's first number and after its last, rows are those of others, and tell of no gap.
+    Rows before a column's first number and after its last are of other columns, and show no gap.
     What drives a system must be known: where the values of a `drive` are others after a silence,
     it is a gap however short it is in seconds.
     """

@@ -66,7 +66,7 @@ class Timeline:
         return np.add.reduceat((~np.isnan(values[self.order])).astype(np.intp), self.starts)
 
     def same_as(self, other: "Timeline") -> bool:
-        """Whether another clock tells the same."""
+        """Whether another clock has the same times."""
         return (
             self.stamps_s.shape == other.stamps_s.shape
             and np.array_equal(self.rows, other.rows)

@@ -27,12 +27,12 @@ from wakedeploy.gap.evidence.fits import (
 )
 
 ENOUGH_NATS = 0.05  # a step that promises less ends a fit
-_ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, twelve do not do
-# Steps keep slopes until they have gained so much together; those of the form, nearly linear, for
-# longer, and in any case while the climb is far away.
+_ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, twelve are too few
+# Steps keep slopes until they have gained this much together; those of the form, nearly linear, for
+# longer, and always while the climb is far away.
 _SETTLED_NATS, _FORM_SETTLED_NATS, _FAR_NATS = 2.0, 20.0, 200.0
-# A climb that slows to steps of so many nats is given up where it promises, times the optimism,
-# less than what it has to reach. Faster ones come from far away, where promises are too small.
+# A climb that slows to steps of this many nats is given up where its promise, times the optimism,
+# is less than it has to reach. Faster ones come from far away, where promises are too small.
 _SLOW_NATS, _OPTIMISM = 30.0, 3.0
 _SHORTER = 3  # steps that are scored beside one, in case it gains nothing
 
@@ -40,9 +40,9 @@ _SHORTER = 3  # steps that are scored beside one, in case it gains nothing
 class Ascent:
     """Levenberg–Marquardt on the log posterior.
 
-    The expected information is too little curvature where the noise is not what the model thinks.
-    A climb with fresh slopes learns from its steps what is lacking (Dennis, Gay and Welsch 1981):
-    it ends at the top, where others stop on the way along a ridge.
+    The expected information is too little curvature where the noise is not what the model assumes.
+    A climb with fresh slopes learns from its steps what is lacking (Dennis, Gay and Welsch 1981).
+    It then ends at the top; without this, climbs stop on the way along a ridge.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Ascent:
         self._episodes, self._moving, self._least = episodes, moving, least
         self._is_fresh = enough_nats is not None
         self._enough_nats = ENOUGH_NATS if enough_nats is None else enough_nats
-        self._lacking = np.zeros((len(free), len(free)))  # curvature beside the information
+        self._lacking = np.zeros((len(free), len(free)))  # curvature that the information lacks
         self._gained = np.zeros(len(free))  # nats since each parameter's slopes were renewed
         self._precision = prior_precision(free)
         self._centre = neutral(free)
@@ -67,7 +67,7 @@ class Ascent:
         self._ahead: dict[bytes, tuple[Score, ...]] = {}  # scores by the parameters' bytes
 
     def run(self, theta: FloatArray, slopes: Slopes | None) -> Fit:
-        """The fit that is reached from parameters (p,); `slopes` as far as they are known there."""
+        """The fit reached from parameters (p,); `slopes` are those known there, if any."""
         slopes = slopes if slopes is not None else self.slopes(theta, None)
         value = self._objective(slopes.scores, theta)
         damping, converged, gained = 1e-3, False, np.inf
@@ -104,9 +104,9 @@ class Ascent:
     def _renewed(
         self, slopes: Slopes, theta: FloatArray, scores: tuple[Score, ...], gained: float
     ) -> Slopes:
-        """Slopes of what has moved far enough to bend; all scores are new.
+        """Slopes with fresh columns for the parameters that are due; all scores are new.
 
-        Of the form, which is nearly linear, only once the climb is no longer far away.
+        Those of the form, which is nearly linear, wait until the climb is no longer far away.
         """
         if self._is_fresh:
             return self.slopes(theta, None, scores)
@@ -117,7 +117,7 @@ class Ascent:
         return self.slopes(theta, (slopes, due), scores)
 
     def _due(self, gained: float) -> Sequence[int]:
-        """The parameters whose slopes are renewed after a step that gains so many nats."""
+        """The parameters whose slopes are renewed after a step that gained this many nats."""
         if self._is_fresh:
             return range(len(self._free))
         if self._moving is not None:
@@ -135,9 +135,10 @@ class Ascent:
         promised: float,
         damping: float,
     ) -> None:
-        """Score a step, and at once what is asked for next: its slopes, and shorter steps.
+        """Score a step together with what may be asked for next: its slopes, and shorter steps.
 
-        A model that scores many sets in about the time of one does so; nothing else changes.
+        Only a model that scores many sets in about the time of one does this; the result is the
+        same.
         """
         if tried.tobytes() in self._ahead:
             return
@@ -168,7 +169,7 @@ class Ascent:
     def _learn(
         self, slopes: Slopes, theta: FloatArray, slopes_there: Slopes, there: FloatArray
     ) -> None:
-        """How the gradient changed along a step says what the information there lacks."""
+        """Learn what the information lacks from how the gradient changed along a step."""
         step = there - theta
         bend = self._gradient(slopes, theta) - self._gradient(slopes_there, there)
         missing = bend - self._information(slopes_there) @ step
@@ -182,12 +183,12 @@ class Ascent:
             self._lacking += both + both.T - (rest @ step) * np.outer(bend, bend) / along**2
 
     def _gradient(self, slopes: Slopes, theta: FloatArray) -> FloatArray:
-        """Of the log posterior, (p,)."""
+        """The gradient of the log posterior, (p,)."""
         gradient = slopes.gradient().sum(0) - self._precision * (theta - self._centre)
         return np.asarray(gradient)
 
     def _information(self, slopes: Slopes) -> FloatArray:
-        """Of all episodes and the prior, (p, p)."""
+        """The information of all episodes and the prior, (p, p)."""
         return np.asarray(slopes.fisher().sum(0) + np.diag(self._precision))
 
     def _objective(self, scores: Sequence[Score], theta: FloatArray) -> float:
@@ -197,7 +198,7 @@ class Ascent:
         return self._many(theta[None])[0]
 
     def _many(self, thetas: FloatArray) -> list[tuple[Score, ...]]:
-        """All episodes under several parameter sets, at once where the model can."""
+        """All episodes under several parameter sets, in one call where the model can."""
         known = [theta.tobytes() for theta in thetas]
         unknown = {k: theta for k, theta in zip(known, thetas, strict=True) if k not in self._ahead}
         if unknown:
@@ -212,7 +213,7 @@ class Ascent:
         known: tuple[Slopes, Sequence[int]] | None,
         scores: tuple[Score, ...] | None = None,
     ) -> Slopes:
-        """Fresh, or `known` ones with some columns renewed."""
+        """All slopes fresh, or `known` ones with some columns renewed."""
         columns = range(len(theta)) if known is None else known[1]
         moved = [_moved(theta, column, self._free[column]) for column in columns]
         sets = [m for m, _ in moved]
@@ -236,7 +237,7 @@ def slopes_at(
     theta: FloatArray,
     known: tuple[Slopes, Sequence[int]] | None = None,
 ) -> Slopes:
-    """Scores and derivatives at some parameters; of `known` ones only some columns are renewed."""
+    """Scores and derivatives at some parameters; of `known` ones, only some columns are renewed."""
     free = model.free(hypothesis)
     return Ascent(model, hypothesis, free, tuple(episodes), None, -np.inf).slopes(theta, known)
 
@@ -250,7 +251,7 @@ def _columns(
 
 
 def _moved(theta: FloatArray, column: int, free: Free) -> tuple[FloatArray, float]:
-    """The parameters with one of them a difference step away, on the side that has room."""
+    """The parameters with one of them moved by its difference step, on the side that has room."""
     size = free.step if theta[column] + free.step <= free.high else -free.step
     moved = theta.copy()
     moved[column] += size
@@ -266,9 +267,9 @@ def top_within(
 ) -> FloatArray:
     """The top (p,) of a parabola around `theta` (p,) between bounds, arrays (p,).
 
-    Where a bound stops one parameter the others go as far as that leaves them: cut off by itself, a
-    step along a ridge ends beside it. By active sets (Stark and Parker 1995). What a bound stops is
-    at it to the last digit. What has no room stays, and everything where slopes are not finite.
+    If a bound stops one parameter, the others go as far as that allows: cut off one by one, a step
+    along a ridge would end beside it. By active sets (Stark and Parker 1995). A parameter that a
+    bound stops is exactly at it. A parameter without room stays; all stay if slopes are not finite.
     """
     top, free = theta.copy(), np.flatnonzero(low < high)
     theta, gradient, curvature = theta[free], gradient[free], curvature[np.ix_(free, free)]
@@ -292,7 +293,7 @@ def top_within(
 
 
 def _shorter(damping: float) -> float:
-    """The damping after a step that did not gain anything."""
+    """The damping after a step that gained nothing."""
     return max(10.0 * damping, 1e-2)
 
 

@@ -1,7 +1,7 @@
-"""How much effects would gain, told from the slopes of a fit without fitting any of them.
+"""How much effects would gain, from the slopes of a fit, without fitting any of them.
 
 In: a model, a fit, names of effects that are linear in their parameters. Out: nats on the episodes
-of the fit, everything that is free readjusted: half the score statistic (Rao 1948).
+of the fit with all free parameters readjusted: half the score statistic (Rao 1948).
 """
 
 import math
@@ -25,7 +25,7 @@ _NO_SLOPE_NATS = 1e-9
 
 
 def promises(model: Model, base: Fit, names: Sequence[str]) -> FloatArray:
-    """How many nats each term would gain on the episodes of the fit, by its slopes at zero (T,)."""
+    """The nats (T,) that each term would gain on the fit's episodes, by its slopes at zero."""
     slopes = base.slopes
     parts = zip(slopes.scores, slopes.innovation, slopes.variance, strict=True)
     shared = np.vstack([_white_slopes(*each) for each in parts])
@@ -38,11 +38,11 @@ def promises(model: Model, base: Fit, names: Sequence[str]) -> FloatArray:
 
 
 def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: float) -> list[str]:
-    """Names without those whose slopes at the neutral point promise less than `least_nats`.
+    """The names without those whose slopes at the neutral point promise less than `least_nats`.
 
-    Kept in any case: effects without a slope there or with a jagged likelihood, and those that move
-    a calibrated constant which the fit has bent; all of them where it has bent its calibration on
-    the whole.
+    Always kept are effects without a slope there or with a jagged likelihood, and those that move a
+    calibrated constant which the fit has bent; all are kept if the fit has bent its calibration as
+    a whole.
     """
     if base.calibration_log_prior < BENT_NATS:
         return list(names)
@@ -62,7 +62,7 @@ def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: floa
 
 
 def _promise(model: Model, base: Fit, name: str, held: FloatArray, rest: FloatArray) -> float:
-    """Half the squared length of the rest along the term's own directions."""
+    """Half the squared length of `rest` along the term's own directions."""
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
     theta = extended(base, free)
@@ -95,13 +95,13 @@ def _direction(
 
 
 def _white_slopes(score: Score, de: FloatArray, dv: FloatArray) -> FloatArray:
-    """Slopes whose products are the Fisher information (2n, p)."""
+    """Slopes (2n, p) whose products are the Fisher information."""
     root = np.sqrt(score.weight)[:, None]
     variance = score.variance[:, None]
     return np.vstack([-root * de / np.sqrt(variance), root * dv / (variance * math.sqrt(2.0))])
 
 
 def _white_rest(score: Score) -> FloatArray:
-    """What the slopes are multiplied with to give the gradient (2n,)."""
+    """What the slopes are multiplied by to give the gradient, (2n,)."""
     squares = np.sqrt(0.5 * score.weight) * (score.innovation**2 / score.variance - 1.0)
     return np.concatenate([score.white, squares])

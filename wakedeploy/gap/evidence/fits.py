@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 LOST_NATS = -1e6  # log density of a sample whose state has left the model
 Hypothesis = tuple[str, ...]
 
-FLAT = 1e-10  # of a scaled curvature or step, what is nothing but rounding
+FLAT = 1e-10  # a scaled curvature or step below this is rounding
 
 
 @dataclass(frozen=True)
@@ -24,13 +24,13 @@ class Free:
     """A parameter that a fit may move: prior N(neutral, prior_sd²) within [low, high].
 
     `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
-    parameters with the same `quantity` are the same thing under two names, as a calibrated constant
-    and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
+    parameters with the same `quantity` are one thing under two names, as a calibrated constant and
+    the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
     `scanned` are sizes to look at before a climb, where a likelihood is jagged; `finest` and
-    `finest_share` (of the size) are the least standard error that may be told of it. `adds_to` is
+    `finest_share` (of the size) are the least standard error that may be stated. `adds_to` is
     the calibrated constant that a parameter moves without replacing it. `first` is where a first
-    fit begins, if not at neutral: loud noise makes outliers of nothing. `is_form` says that it is
-    of the model's own shape: bent, it tells of no calibration.
+    fit begins, if not at neutral: loud noise turns nothing into an outlier. `is_form` marks a
+    parameter of the model's own shape: if it is bent, the calibration need not be wrong.
     """
 
     name: str
@@ -55,8 +55,8 @@ class Score:
     """One episode under one hypothesis, sample by sample in order of time, arrays (n,).
 
     `log_density` in nats; `innovation` and its `variance` in the channel's unit; `weight` is the
-    probability that the sample is no outlier. `channels` are where each channel's samples lie, in
-    order of time; what lies in none is auxiliary, as a mean at rest.
+    probability that the sample is no outlier. `channels` are the places of each channel's samples,
+    in order of time; a sample in no channel is auxiliary, as a mean at rest.
     """
 
     log_density: FloatArray
@@ -106,9 +106,9 @@ class Model(Protocol):
 def scores_of(
     model: Model, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
 ) -> list[tuple[Score, ...]]:
-    """Episodes under parameter sets (K, p): for each set a score of each episode.
+    """Episodes under parameter sets (K, p): for each set, a score of each episode.
 
-    A model that has a `scores` of the same arguments scores them all in about the time of one.
+    A model with a method `scores` of the same arguments scores all sets in about the time of one.
     """
     together = getattr(model, "scores", None)
     if together is not None:
@@ -132,7 +132,7 @@ class Slopes:
     variance: tuple[FloatArray, ...]  # (n, p) each
 
     def gradient(self) -> FloatArray:
-        """Of the log likelihood, per episode, (E, p)."""
+        """The gradient of each episode's log likelihood, (E, p)."""
         return np.array(
             [
                 _gradient(*each)
@@ -157,9 +157,9 @@ NO_SLOPES = Slopes((), (), ())  # of a point that is yet to be scored, or whose 
 class Fit:
     """A hypothesis at its maximum a posteriori; everything per episode (E, …).
 
-    `summits` are fits of the same hypothesis elsewhere that these episodes do not tell from it.
-    `converged` says that its climb ended where no step promised anything. `profiled` are ends
-    beyond which no interval reaches, by parameter, where the likelihood is no parabola.
+    `summits` are fits of the same hypothesis elsewhere that these episodes cannot tell from it.
+    `converged` says that its climb ended where no step promised anything. `profiled` are, by
+    parameter, ends that no interval exceeds, where the likelihood is no parabola.
     """
 
     hypothesis: Hypothesis
@@ -174,7 +174,7 @@ class Fit:
 
     @property
     def log_likelihood(self) -> float:
-        """Over all episodes, without the priors [nats]."""
+        """The log likelihood of all episodes, without the priors [nats]."""
         return float(self.per_episode.sum())
 
     @property
@@ -189,7 +189,7 @@ class Fit:
 
     @property
     def calibration_log_prior(self) -> float:
-        """The same of calibrated constants alone, without noise and the model's form [nats]."""
+        """The same for calibrated constants alone, without noise and the model's form [nats]."""
         kept = [i for i, f in enumerate(self.free) if f.quantity]
         return log_prior([self.free[i] for i in kept], self.theta[kept])
 
@@ -203,10 +203,10 @@ class Fit:
         return float(self.theta[self._index(name)])
 
     def standard_error(self, name: str) -> float:
-        """The larger of two: from the curvature and from the spread between episodes.
+        """The larger of two: from the curvature, and from the spread between episodes.
 
-        The curvature knows nothing of what the model lacks, and the spread of a few episodes may be
-        small by chance; clustered by episode, it is the jackknife's, and the priors' own.
+        The curvature does not show what the model lacks, and the spread of a few episodes may be
+        small by chance. The spread is the jackknife's, clustered by episode, plus the priors' own.
         """
         free = self.free[self._index(name)]
         finest = max(free.finest, free.finest_share * abs(self.value(name)))
@@ -215,9 +215,9 @@ class Fit:
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """Where the parameter lies with this probability, clipped to its bounds.
 
-        From the lowest to the highest end that any of the summits has. The quantile is Student's:
-        with one degree of freedom less than there are episodes where their spread decides, with
-        twice as many where the curvature bears it out.
+        It reaches from the lowest to the highest end that any of the summits has. The quantile is
+        Student's: with one degree of freedom less than there are episodes where their spread
+        decides, with twice as many where the curvature bears it out.
         """
         free = self.free[self._index(name)]
         ends = [summit._ends(name, level) for summit in (self, *self.summits)]
@@ -234,7 +234,7 @@ class Fit:
         return value - reach, value + reach
 
     def _variances(self, name: str) -> tuple[float, float]:
-        """Of an estimate, from the curvature and from the spread between episodes (0 for one)."""
+        """An estimate's variance by curvature, and by the spread between episodes (0 for one)."""
         gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
         at = self._index(name)
         low, high = bounds_of(self.free)
@@ -248,8 +248,8 @@ class Fit:
         curvature = float(inverse @ unit)
         if count < 2:
             return curvature, 0.0
-        # An episode's pull on the estimate is weighed without its own information: so many
-        # parameters bend to each of so few episodes that its gradient tells too little of it.
+        # An episode's pull on the estimate is weighed without its own information: many parameters
+        # bend to each of a few episodes, so that its gradient shows too little of the pull.
         pulls = [
             solved(total - information, unit) @ g
             for g, information in zip(gradient, fisher, strict=True)
@@ -265,11 +265,11 @@ class Fit:
 
 
 def told_by_data(fitted: Fit, effect: str) -> Fit:
-    """The fit without what was thought plausible of an effect's size before, to second order.
+    """The fit without the priors on an effect's size, to second order.
 
-    A prior keeps a search where effects may be; the size that data tell it would draw towards
-    nothing. What a parameter's prior says more of than the data do keeps it, so that a shape that
-    they do not tell stays where it is plausible.
+    A prior keeps a search where effects may be, but would draw the size that data show towards 0. A
+    parameter keeps its prior if that says more of it than the data do, so that a shape the data
+    leave open stays where it is plausible.
     """
     total = fitted.slopes.fisher().sum(0) + np.diag(prior_precision(fitted.free))
     places = [
@@ -297,7 +297,7 @@ def told_by_data(fitted: Fit, effect: str) -> Fit:
 
 
 def _information(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> FloatArray:
-    """What data tell of parameters (k, k), all else following, in units of what priors tell."""
+    """The data's information on parameters (k, k), all else following, in units of the priors'."""
     rest = [i for i in range(len(total)) if i not in own]
     follow = np.array([solved(total[np.ix_(rest, rest)], total[rest, i]) for i in own])
     left = total[np.ix_(own, own)] - total[np.ix_(own, rest)] @ follow.T
@@ -306,23 +306,23 @@ def _information(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float
 
 
 def _is_told(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> bool:
-    """Whether data tell more than priors do of every combination of some parameters."""
+    """Whether the data say more than the priors of every combination of some parameters."""
     return bool(np.linalg.eigvalsh(_information(total, own, prior_sd)).min() > 1.0)
 
 
 def _least_told(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> int:
-    """The place of the parameter that most makes up the combination which data tell least of."""
+    """The place of the parameter with the largest part in what the data say least of."""
     _, vectors = np.linalg.eigh(_information(total, own, prior_sd))
     return int(np.argmax(np.abs(vectors[:, 0])))
 
 
 def _is_within(free: Free, fitted: Fit, place: int) -> bool:
-    """Whether a parameter is at none of its bounds, where it follows nothing."""
+    """Whether a parameter is off its bounds; at a bound it follows nothing."""
     return bool(free.low < fitted.theta[place] < free.high)
 
 
 def extended(base: Fit, free: Sequence[Free]) -> FloatArray:
-    """Parameters (p,) for a larger hypothesis: the base's where they are shared, else neutral."""
+    """Parameters (p,) of a larger hypothesis: the base's where shared, else neutral."""
     known = dict(zip(base.names, base.theta, strict=True))
     same = {f.quantity: v for f, v in zip(base.free, base.theta, strict=True) if f.quantity}
     return np.array([known.get(f.name, same.get(f.quantity, f.neutral)) for f in free])

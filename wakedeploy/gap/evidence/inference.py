@@ -24,7 +24,7 @@ from wakedeploy.gap.evidence.fits import (
 )
 
 _FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all directions together
-_RISEN_NATS, _MOST_REFITS = 0.1, 4  # what a repeated fit may rise by, and how often it is repeated
+_RISEN_NATS, _MOST_REFITS = 0.1, 4  # a smaller rise ends the repeats of a fit; how many there are
 _AT_REST_SD = 0.1  # a size that a repeated fit moves by less has come to rest
 
 
@@ -41,10 +41,10 @@ def fit(
     """Maximise log likelihood plus log priors over the hypothesis's parameters.
 
     `start` (p,) is where to begin (the neutral values if None). `slopes`, if they are known there,
-    save a round; with `moving`, only those parameters' slopes are renewed on the way, which is
-    enough to tell a contender from the rest. A climb that will not come to an objective of `least`
-    is given up, not converged. With `enough_nats` all slopes are renewed at every step, and a climb
-    that converges is within about as much of a summit.
+    save a round. With `moving`, only those parameters' slopes are renewed on the way, which is
+    enough to tell a contender from the rest. A climb that will not reach an objective of `least` is
+    given up, not converged. With `enough_nats` all slopes are renewed at every step, and a climb
+    that converges is within about that much of a summit.
     """
     free = model.free(hypothesis)
     theta = neutral(free) if start is None else np.clip(start, *bounds_of(free))
@@ -56,8 +56,8 @@ def fit(
 def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
     """A fit repeated from where it ended, and whether its effects' sizes have come to rest.
 
-    They have where it no longer rises, or rises by what moves no size against its standard error:
-    noise may creep on for long, and how far it comes depends on how a processor rounds.
+    They have if it no longer rises, or if the rise moves no size against its standard error: noise
+    may creep on for long, and how far it gets depends on how a processor rounds.
     """
     moved = np.inf
     for _ in range(_MOST_REFITS):
@@ -71,7 +71,7 @@ def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
 
 
 def _moved_sd(before: Fit, after: Fit) -> float:
-    """How far the effects' parameters went, in standard errors: the one that went farthest."""
+    """How far the effects' parameters moved, in standard errors: the largest of them."""
     sizes = [n for n in after.names if n.startswith(tuple(f"{e}." for e in after.hypothesis))]
     moved = (
         abs(after.value(n) - before.value(n)) / max(after.standard_error(n), 1e-300) for n in sizes
@@ -80,7 +80,7 @@ def _moved_sd(before: Fit, after: Fit) -> float:
 
 
 def applied(model: Model, fitted: Fit, episodes: Sequence[int] | None = None) -> Fit:
-    """A fit's hypothesis and parameters on episodes of `model` (default: all), fitted to none."""
+    """A fit's hypothesis and parameters on episodes of `model` (default: all), without fitting."""
     episodes = tuple(range(model.episodes) if episodes is None else episodes)
     scores = tuple(model.score(fitted.hypothesis, fitted.theta, e) for e in episodes)
     slopes = Slopes(scores, (), ())
@@ -91,11 +91,11 @@ def held_out(base: Fit, larger: Fit) -> FloatArray:
     """What a larger hypothesis adds to each episode's log density, not having seen it, (E,) nats.
 
     Only the larger one's own parameters are left out: they are those that the other episodes
-    prefer, noise and calibration following them as all episodes together say. Both hypotheses have
-    these fitted, so that leaving them out as well would add to the difference little but scatter. A
-    calibrated constant that an effect takes over counts as the effect's own. A Newton step from the
-    common optimum tells it, in which a quadratic log density is exact (as in the efficient score:
-    Neyman 1959).
+    prefer, with noise and calibration following them as all episodes say. Both hypotheses have
+    fitted noise and calibration; leaving these out as well would add little to the difference but
+    scatter. A calibrated constant that an effect takes over counts as the effect's own. The method
+    is one Newton step from the common optimum, exact for a quadratic log density (as in the
+    efficient score: Neyman 1959).
 
     With one episode nothing can be left out; each parameter then costs one nat (Akaike 1974).
     Raises ValueError where the fits are of different episodes.
@@ -115,7 +115,7 @@ def gain_over(base: Fit, larger: Fit) -> float:
 
 
 def _flattery(fitted: Fit, places: Sequence[int]) -> FloatArray:
-    """How much too well parameters fit each episode for having been fitted to it, (E,) nats."""
+    """The nats (E,) by which parameters fit each episode too well, having been fitted to it."""
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
     total = fisher.sum(0) + np.diag(prior_precision(fitted.free))
     low, high = bounds_of(fitted.free)

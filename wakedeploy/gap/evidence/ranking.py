@@ -35,20 +35,20 @@ from wakedeploy.gap.progress import StepsDone, uncounted
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 4
-BENT_NATS = -12.0  # a base whose priors pay more has bent its constants; chance alone takes 8 or so
+BENT_NATS = -12.0  # a base whose priors pay more has bent its constants; chance alone takes about 8
 BENT_SD = 2.0
-_SIZES_RELEASED = 3  # from which effects of several summits are climbed with unbent constants
+_SIZES_RELEASED = 3  # sizes of an effect of several summits, climbed with unbent constants
 _FEW_STARTS = 2
 _MOST_OTHERS = 2
 _BETTERED_NATS = 0.5
-LEDGE_NATS = 3.0  # a base that is better by less is no other
+LEDGE_NATS = 3.0  # a base better by less is no other
 _MOST_RESETTLED = 3
-_ROUGH_SIZES = 10  # a rough fit costs what so many scanned sizes do
+_ROUGH_SIZES = 10  # a rough fit costs as much as this many scanned sizes
 _ROUGH_SHARE = 0.75  # of a ranking's time, before any effect is climbed again
 _WORTH_NATS = 4.0  # of a jagged effect's rough fit; below, no summit of it is climbed to the end
-_SUMMIT_NATS = 6.0  # behind the highest, roughly, a summit may yet be higher
+_SUMMIT_NATS = 6.0  # a summit this far behind the highest, roughly, may yet be higher
 _MOST_SUMMITS = 3
-_SIZES_APIECE = 3  # scanned sizes that lie on one summit
+_SIZES_APIECE = 3  # scanned sizes on one summit
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,15 +58,15 @@ class Candidate:
     name: str
     fit: Fit
     gains: FloatArray  # (E,) nats, held out
-    prior_gain: float = 0.0  # nats that the calibration no longer has to be bent
+    prior_gain: float = 0.0  # nats that bending the calibration no longer costs
     fitted_gain: float = np.inf  # nats on the episodes of the fit, priors included
-    looked_nats: float = 0.0  # what the best of so many summits gains by chance
+    looked_nats: float = 0.0  # what the best of its summits gains by chance
 
     @property
     def gain_nats(self) -> float:
         """The sum over the episodes, and what the priors say.
 
-        A calibration is a measurement, too: a base that only explains the flights with constants
+        A calibration is a measurement, too: a base that explains the flights only with constants
         far from their calibrated values pays for it. So does an effect that was looked for at
         hundreds of sizes, each of which fits by chance as well as one parameter may.
         """
@@ -97,10 +97,10 @@ def rank(
 
     All are fitted with the base's slopes for what they share; those near the best are then fitted
     to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
-    `steps` are of about the same length, but not an effect each. `scans` keeps the sizes that were
-    looked at, for another ranking on nearly the same base; `known` are an earlier ranking's
-    candidates, of which the better fits are kept, climbs from the calibration among them. Only with
-    `released` are there such climbs.
+    `steps` take about the same time each, but are not one per effect. `scans` keeps the sizes that
+    were looked at, for another ranking on nearly the same base. `known` are an earlier ranking's
+    candidates; the better fits of both are kept, those climbed from the calibration included. Such
+    climbs are made only with `released`.
     """
     scans = {} if scans is None else scans
     costs = [_cost(model, base, name) for name in candidates]
@@ -137,7 +137,8 @@ def rank_fairly(
 ) -> tuple[Fit, list[Candidate]]:
     """`rank`, on a base that is no worse than the best candidate is without its effect.
 
-    A climb may end short of the best base; every effect then seems to gain what any new climb does.
+    A climb may end short of the best base; then every effect seems to gain what any new climb
+    gains.
     """
     scans, ranked = {} if scans is None else scans, list[Candidate]()
     for _ in range(_MOST_RESETTLED):
@@ -153,9 +154,9 @@ def rank_fairly(
         known = dict(zip(ranked[0].fit.names, ranked[0].fit.theta, strict=True))
         start = np.array([known.get(n, v) for n, v in zip(base.names, base.theta, strict=True)])
         again = fit(model, base.hypothesis, base.episodes, start)
-        again = replace(again, summits=base.summits)  # which its interval goes on spanning
+        again = replace(again, summits=base.summits)  # its interval still spans them
         bettered, base = again.objective - base.objective, max(base, again, key=_objective)
-        if bettered < LEDGE_NATS:  # no other valley, in which others would climb elsewhere
+        if bettered < LEDGE_NATS:  # no other valley, from which others would climb elsewhere
             break
     return base, sorted(
         (candidate(base, c.name, c.fit) for c in ranked), key=lambda c: -c.gain_nats
@@ -163,25 +164,25 @@ def rank_fairly(
 
 
 def candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
-    """What a fit with an effect gains over a base, each around whichever motion it was fitted."""
+    """What a fit with an effect gains over a base; each is around the motion of its own fit."""
     unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
     return Candidate(name, fitted, held_out(base, fitted), unbent, gained, _looked(fitted, name))
 
 
 def _looked(fitted: Fit, name: str) -> float:
-    """The logarithm of how many summits an effect's parameters were scanned for [nats]."""
+    """The logarithm of how many summits were scanned for an effect's parameters [nats]."""
     parameters = own_parameters(fitted.free, name)
     return sum(math.log(max(len(f.scanned) / _SIZES_APIECE, 1.0)) for f in parameters)
 
 
 def _cost(model: Model, base: Fit, name: str) -> int:
-    """About how long the rough fit of a candidate takes, in scanned sizes."""
+    """About how long a candidate's rough fit takes, in scanned sizes."""
     parameters = own_parameters(model.free((*base.hypothesis, name)), name)
     return _ROUGH_SIZES + sum(len(f.scanned) for f in parameters)
 
 
 def _advanced(steps: StepsDone, before: int, total: int, done: int, of: int) -> None:
-    """Tell steps of the last part as steps of the whole."""
+    """Report steps of the last part as steps of the whole."""
     steps(before + (total - before) * done // of, total)
 
 
@@ -210,7 +211,7 @@ def _rough(model: Model, base: Fit, name: str, scans: Scans) -> Fit:
 def _climbed(model: Model, fits: Sequence[Fit], places: Sequence[int]) -> list[Fit]:
     """The highest of several summits, each climbed to the end with everything free.
 
-    How high a jagged effect's summits are, the base's slopes tell too roughly to choose by them.
+    The base's slopes are too rough to choose between the summits of a jagged effect.
     """
     most = max(f.objective for f in fits)
     summits: list[Fit] = []
@@ -226,14 +227,14 @@ def _climbed(model: Model, fits: Sequence[Fit], places: Sequence[int]) -> list[F
 def _from_calibration(
     model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit], steps: StepsDone
 ) -> list[Fit]:
-    """The fits, and better ones of candidates that move a constant which the base has bent.
+    """The fits, or better ones for candidates that move a constant which the base has bent.
 
     A base that has bent its constants to explain a missing effect is a valley of its own, and a
     climb from there may never leave it. These climbs start with all constants at their calibration
     and with louder noise, from the likeliest of the effect's sizes; a likelihood may have several
-    summits, as that of a latency has one for each servo frame. Effects that such candidates are
-    confused with may be what the constants were bent for: they are climbed, too, and so are a few
-    others that explain most without bending anything.
+    summits, as that of a latency has one for each servo frame. The constants may also have been
+    bent for effects that such candidates are confused with: these are climbed, too, and so are a
+    few others that explain most without bending anything.
     """
     bent = {
         f.quantity
@@ -264,7 +265,7 @@ def _from_calibration(
 
 
 def _summits(fitted: Fit, name: str) -> int:
-    """From how many sizes an effect is climbed: one that states many starts has many summits."""
+    """How many sizes an effect is climbed from; one that states many starts has many summits."""
     starts = max(len(f.starts) for f in own_parameters(fitted.free, name))
     return 1 if starts <= _FEW_STARTS else _SIZES_RELEASED
 

@@ -1,8 +1,8 @@
 """How well flights tell effects apart, before any of them is fitted to anything.
 
 In: a `Model` and its base fit. Out: one information matrix per episode over nuisances and effects.
-From it follow the nats by which each rival of an effect loses, how often an effect will be detected
-and named, and how these grow with more flights.
+It gives the nats by which each rival of an effect loses, how often an effect will be detected and
+named, and how these grow with more flights.
 
 An effect changes the whitened innovations along its signature; nuisances with their priors explain
 part of every signature (marginalised, as in a Kalman filter); what is left is Gaussian with unit
@@ -37,7 +37,7 @@ _SWEEPS = 20
 class Column:
     """One direction in which an effect can move the innovations.
 
-    It is the difference of what `hypothesis` says at the parameters `near` and `origin`, divided by
+    It is the difference between what `hypothesis` says at the parameters `near` and `origin`, over
     `share`. `parameter` is empty for the effect as a whole, whose first parameter it moves by
     `amount`; `low` and `high` bound what a fit may use of it, in multiples of `amount`. A parameter
     that only shapes the effect does nothing without it, so its bounds go with the whole.
@@ -61,9 +61,9 @@ class Column:
 class Evidence:
     """Information about nuisances and effects: `gram` (E, q, q) per episode, nuisances first.
 
-    `precision` (p,) of the nuisances' priors; `columns` name the q − p effect directions;
-    `whole` (C, q − p): how much of each direction the effects `names` are when they are the truth
-    at the size that they were evaluated at.
+    `precision` (p,) is that of the nuisances' priors; `columns` name the q − p effect directions.
+    `whole` (C, q − p) is how much of each direction the effects `names` are when they are the
+    truth, at the sizes that they were evaluated at.
     """
 
     names: tuple[str, ...]
@@ -73,7 +73,7 @@ class Evidence:
     whole: FloatArray
 
     def information(self, copies: float = 1.0) -> FloatArray:
-        """Marginal information over the effect directions (c, c), of `copies` of all episodes."""
+        """Marginal information over the effect directions (c, c), from `copies` of all episodes."""
         total, p = copies * self.gram.sum(0), len(self.precision)
         nuisance = total[:p, :p] + np.diag(self.precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(nuisance), _TINY))
@@ -84,7 +84,7 @@ class Evidence:
         return np.asarray(0.5 * (remainder + remainder.T))
 
     def only(self, names: Sequence[str]) -> "Evidence":
-        """The same about some of the effects."""
+        """The same evidence about some of the effects."""
         kept = [i for i, c in enumerate(self.columns) if c.effect in names]
         p = len(self.precision)
         places = [*range(p), *(p + i for i in kept)]
@@ -111,8 +111,8 @@ def gather(
 ) -> Evidence:
     """Evaluate every effect on the episodes of `base`.
 
-    `sizes`: the parameters at which an effect is evaluated; one prior scale (its last start) if
-    it is not there.
+    `sizes` are the parameters at which an effect is evaluated; one that is not there is evaluated
+    at one prior scale (its last start).
     """
     columns: list[Column] = []
     directions: list[list[FloatArray]] = []  # per column, per episode (2n,)
@@ -181,9 +181,10 @@ def _of_nuisances(
 ) -> list[tuple[Column, list[FloatArray]]]:
     """An effect on constants that are nuisances of the base: the same directions, without priors.
 
-    Exactly the same, or the least curvature would pass for a difference, so well do flights know
-    these constants. Taken over the effect's size, not over a step: a delay of a millisecond only
-    moves the few servo frames beside a change of command. `nuisances` are changed in place.
+    They have to be exactly the same: flights know these constants so well that the least curvature
+    would pass for a difference. They are taken over the effect's size, not over a step: a delay of
+    a millisecond moves only the few servo frames beside a change of command. `nuisances` are
+    changed in place.
     """
     hypothesis, neutral = target.hypothesis, target.neutral
     origin = changes(model, base, hypothesis, neutral)
@@ -253,10 +254,10 @@ def _response(
     ends: tuple[FloatArray, FloatArray],
     origin: list[FloatArray],
 ) -> tuple[float, list[FloatArray]]:
-    """How far from the neutral values to the effect a response was taken, and `changes` there.
+    """The share of the way from neutral to the effect that was taken, and the `changes` there.
 
-    As far as no sample is moved by more than two standard deviations: further on a filter would
-    take good samples for outliers and lose the track, which a fit to data does not.
+    It goes as far as no sample moves by more than two standard deviations: beyond, a filter would
+    take good samples for outliers and lose track, which a fit to data does not.
     """
     share = 1.0
     while True:
@@ -291,7 +292,7 @@ def _whole_column(target: _Target) -> Column:
 def changes(
     model: Model, base: Fit, hypothesis: tuple[str, ...], theta: FloatArray
 ) -> list[FloatArray]:
-    """Innovations minus the base's, and variances likewise, whitened, (2n,) per episode."""
+    """Innovations and variances minus the base's, whitened, (2n,) per episode."""
     parts = []
     moved = scores_of(model, hypothesis, np.asarray(theta)[None], base.episodes)[0]
     for score, there in zip(base.slopes.scores, moved, strict=True):
@@ -331,9 +332,9 @@ def gain_nats(evidence: Evidence, copies: float = 1.0) -> FloatArray:
 
 
 def lost_to_form(evidence: Evidence, free: Sequence[Free]) -> FloatArray:
-    """Share of each effect's nats that the model's own form can imitate, (C,) from 0 to 1.
+    """The share of each effect's nats that the model's own form can imitate, (C,) from 0 to 1.
 
-    `free` are the nuisances of the evidence. What is lost entirely no flight can name.
+    `free` are the nuisances of the evidence. No flight can name an effect that loses everything.
     """
     held = np.where([f.is_form for f in free], _HELD, evidence.precision)
     alone = gain_nats(replace(evidence, precision=held))
@@ -342,7 +343,7 @@ def lost_to_form(evidence: Evidence, free: Sequence[Free]) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """What a fit's free parameters imitate, the same for whatever effect is held against it.
+    """What a fit's free parameters imitate; it is the same for every effect held against it.
 
     `known` (N, p) are its whitened slopes; `directions` (N + p, p) span them and the priors.
     """
@@ -352,7 +353,7 @@ class Explained:
 
 
 def explained(base: Fit) -> Explained:
-    """What everything that is free in a fit can imitate."""
+    """What all free parameters of a fit can imitate."""
     known = np.concatenate(whitened(base.slopes))
     prior = np.sqrt(prior_precision(base.free))
     directions, _ = np.linalg.qr(np.vstack([known, np.diag(prior)]))
@@ -362,12 +363,12 @@ def explained(base: Fit) -> Explained:
 def information(
     model: Model, base: Fit, beside: Explained, name: str, size: float | None = None
 ) -> FloatArray:
-    """Fisher information of an effect's own parameters (k, k), everything free readjusted.
+    """Fisher information of an effect's own parameters (k, k), with all free ones readjusted.
 
-    At the point where the effect is not there: half of it times a size squared is what an effect of
-    that size gains [nats]; with `size`, from the change that this size of its parameters makes. An
-    effect that moves a calibrated constant is seen against its prior. `beside` is what the base
-    explains.
+    It is taken where the effect is not there: half of it times a size squared is what an effect of
+    that size gains [nats]. With `size`, it is from the change that this size of its parameters
+    makes. An effect that moves a calibrated constant is seen against that constant's prior.
+    `beside` is what the base explains.
     """
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
@@ -404,7 +405,7 @@ def fitted_shares(
 ) -> FloatArray:
     """What a fit uses of a rival's directions (n, k), each within its bounds.
 
-    The unbounded optimum first, then one direction after another; the problem is convex.
+    It starts at the unbounded optimum and moves one direction after another: the problem is convex.
     """
     columns = [evidence.columns[i] for i in places]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), _TINY))

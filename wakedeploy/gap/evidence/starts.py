@@ -21,17 +21,17 @@ from wakedeploy.gap.evidence.fits import (
     own_places,
 )
 
-GLANCED_AT = 2  # flights are enough to choose a start, and to come near a summit
+GLANCED_AT = 2  # this many flights are enough to choose a start, and to come near a summit
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
-APART = 0.03  # sizes nearer than that are one place to begin
-# A scan before a first climb: of how many episodes, how many sizes are kept, and how far apart.
+APART = 0.03  # sizes nearer to each other are one place to begin
+# A scan before a first climb: how many episodes, how many sizes are kept, and how far apart.
 _GLANCES = ((1, 200, 0.0), (2, 30, APART))
 _SCANNED_CLIMBED = 4
 _SUMMITS_CLIMBED = 12  # of an effect that was found
-_MOVED_SD = 1.0  # a constant nearer to its calibration has taken nobody's place
-_ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
+_MOVED_SD = 1.0  # a constant nearer to its calibration has not been bent
+_ABSURD_NATS = 10.0  # a start worse than no effect by more is not worth climbing from
 
-Scans = dict[tuple[Hypothesis, str, int], list[float]]  # the likeliest sizes of what is jagged
+Scans = dict[tuple[Hypothesis, str, int], list[float]]  # the likeliest sizes of jagged parameters
 
 
 class Related(Protocol):
@@ -57,7 +57,7 @@ def relations(model: Model) -> Mapping[str, Related]:
 def scanned_starts(model: Model, found: Fit) -> list[FloatArray]:
     """The likeliest of the sizes that a fit's jagged parameters ask to be looked at, as starts.
 
-    All are looked at on all episodes: on one of them, a lower summit may seem the highest.
+    All are looked at on all episodes: on a single one, a lower summit may seem the highest.
     """
     return [
         start
@@ -120,8 +120,8 @@ def unbent_sizes(
 ) -> list[tuple[float, FloatArray]]:
     """Sizes of an effect, likeliest first, with the calibrated constants as they were measured.
 
-    Noise is half-way to what a first fit begins with: with less, most samples would be outliers
-    there, and a climb from outliers goes nowhere.
+    Noise is half-way to that of a first fit: with less, most samples would be outliers there, and a
+    climb from outliers goes nowhere.
     """
     free = model.free(hypothesis)
     places = own_places(free, name)
@@ -146,7 +146,7 @@ def unbent_sizes(
 
 
 def _constants_of_confused(known: Mapping[str, Related], name: str) -> set[str]:
-    """The calibrated constants that effects move which this one is confused with."""
+    """The calibrated constants moved by effects that this one is confused with."""
     if name not in known:
         return set()
     confused = {n for n, effect in known.items() if name in effect.confused_with}
@@ -164,11 +164,11 @@ def _scanned(
     keep: int,
     glances: Sequence[tuple[int, int, float]] = (),
 ) -> list[FloatArray]:
-    """Of the sizes that a parameter asks to be looked at, the likeliest, as starts.
+    """The likeliest of the sizes that a parameter asks to be looked at, as starts.
 
-    All are looked at on the first episodes, as many as `glances` say, and what is likely there on
-    all. No two are nearer than a few per cent: the sizes around one summit would crowd the others
-    out.
+    All are looked at on the first episodes, as many as `glances` say, and those that are likely
+    there on all. No two are nearer than a few per cent: the sizes around one summit would crowd the
+    others out.
     """
     density = dict.fromkeys(free.scanned, 0.0)
     seen = 0
@@ -182,7 +182,7 @@ def _scanned(
 
 
 def _likeliest(density: Mapping[float, float], most: int, apart: float) -> dict[float, float]:
-    """The sizes of the highest log density, highest first, none within `apart` of a higher one."""
+    """The sizes of highest log density, highest first, none within `apart` of a higher one."""
     places: set[float] = set()
     kept: dict[float, float] = {}
     for size, value in sorted(density.items(), key=lambda pair: (-pair[1], -pair[0])):

@@ -19,7 +19,7 @@ from wakedeploy.gap.rules import RULES
 FloatArray = npt.NDArray[np.float64]
 
 LAGS = 16  # half a second of samples
-REFERENCE_SAMPLES = 3200  # a limit is stated for five flights of 20 s at 32 Hz
+REFERENCE_SAMPLES = 3200  # limits are stated for five flights of 20 s at 32 Hz
 _BANDS = 48
 
 
@@ -42,20 +42,21 @@ class Whiteness:
 
     @property
     def freedom(self) -> int:
-        """What the statistic of white noise is on the average."""
+        """The mean of the statistic for white noise."""
         return self.by_channel.size
 
     @property
     def at_reference(self) -> float:
-        """The statistic that as many samples as the reference's would be expected to give."""
+        """The statistic to be expected with REFERENCE_SAMPLES samples."""
         excess = (self.statistic - self.freedom) * REFERENCE_SAMPLES / self.samples
         return self.freedom + excess
 
     def limit(self, of_reference: float | None = None) -> float:
-        """What the statistic may be with so many samples, if it may be `of_reference` with others.
+        """The largest statistic that still passes; `of_reference` is that for REFERENCE_SAMPLES.
 
-        The statistic of white noise does not depend on their number; what a model leaves in any
-        case, friction's fine structure, say, grows in proportion to it. None asks for white noise.
+        The statistic of white noise does not depend on the number of samples; what a model always
+        leaves (friction's fine structure, say) grows with it. Without `of_reference` the limit is
+        that of white noise.
         """
         of_white_noise = float(chi2.ppf(RULES.white_quantile, self.freedom))
         if of_reference is None:
@@ -64,11 +65,11 @@ class Whiteness:
         return max(self.freedom + excess, of_white_noise)
 
     def passes(self, of_reference: float | None = None) -> bool:
-        """Whether the innovations are as white as the reference's, or as noise."""
+        """Whether the innovations are as white as the reference's, or as white noise."""
         return self.statistic <= self.limit(of_reference)
 
     def as_json(self, of_reference: float | None = None) -> dict[str, Any]:
-        """As the artefacts hold it, with the limit for so many samples."""
+        """As the artefacts hold it, with the limit for this number of samples."""
         content: dict[str, Any] = {
             "p_value": self.p_value,
             "statistic": self.statistic,
@@ -83,9 +84,9 @@ class Whiteness:
 
 
 def whiteness(fitted: Fit) -> Whiteness:
-    """Of the innovations that a fit leaves, all episodes together, channel by channel.
+    """The whiteness of the innovations that a fit leaves: per channel, all episodes together.
 
-    Samples that were not measured or not looked at are none: the next one follows the last.
+    A sample that was not measured or not looked at is left out; the lags pass over it.
     """
     scores = [_seen(score) for score in fitted.slopes.scores]
     rows, statistic = [], 0.0
@@ -113,7 +114,7 @@ def samples(score: Score) -> list[FloatArray]:
 
 
 def spectrum(white: Sequence[FloatArray], rate_hz: float) -> dict[str, Any]:
-    """Power density of whitened innovations over frequency, in bands, 1 for white noise.
+    """Power density of whitened innovations by frequency band; 1 for white noise.
 
     `low` and `high` bound 95 % of the bands of white noise.
     """

@@ -219,7 +219,7 @@ def _autocorrelation(axes: "Axes", whites: Sequence[tuple[White, str, str]], sam
 
 
 def _samples(find: Find, used: Sequence[str]) -> int:
-    """Of the flights that were used, of all where the split does not say."""
+    """The samples of the flights that were used; of all flights where the split names none."""
     counts = [log.samples for log in find.logs if log.path in used]
     return sum(counts or [log.samples for log in find.logs])
 
@@ -268,7 +268,7 @@ class Level:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Of the interval; NaN without one."""
+        """The ends of the interval; NaN without one."""
         return self.interval or (math.nan, math.nan)
 
 

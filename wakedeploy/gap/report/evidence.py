@@ -332,7 +332,7 @@ def _bent(summary: Summary) -> list[str]:
 
 
 def _doubts(summary: Summary) -> list[str]:
-    """What the flights cannot tell, or what had to be assumed of them, each said once."""
+    """What the flights leave open, or what had to be assumed of them, each said once."""
     sentences = []
     for doubt in dict.fromkeys(note for log in summary.logs for note in log.notes):
         names = [Path(log.path).name for log in summary.logs if doubt in log.notes]

@@ -53,7 +53,7 @@ def undetectable(sizes: Mapping[str, Detectable]) -> list[str]:
 
 
 def untold(sizes: Mapping[str, Detectable]) -> list[str]:
-    """Effects that are so far from linear that no size can be told without flying them."""
+    """Effects so far from linear that no size can be stated without flying them."""
     return [name for name, size in sizes.items() if math.isnan(size.size) and not size.known]
 
 

@@ -1,4 +1,4 @@
-"""The part of the account that tells by how much the gap shrank, and what hides that it did.
+"""The part of the account that says by how much the gap shrank, and what hides that it did.
 
 In: the summary of a folder. Out: sentences and numbers in words.
 """

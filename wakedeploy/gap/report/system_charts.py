@@ -57,7 +57,7 @@ def episode_words(name: str) -> str:
 
 
 def draw_autocorrelation(white: WhitePair, channels: Sequence[str]) -> "Figure | None":
-    """Of the whitened innovations before and after, one panel per channel."""
+    """The autocorrelation of the whitened innovations before and after, a panel per channel."""
     both = ((white.before, BEFORE, "baseline"), (white.after, AFTER, "with what was found"))
     if not channels or not all(len(innovations.rows) == len(channels) for innovations, *_ in both):
         return None

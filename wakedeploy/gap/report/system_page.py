@@ -346,7 +346,7 @@ def _placebo(result: Result) -> str:
 
 
 def _further(result: Result, out: Path) -> list[object]:
-    """What only this domain tells: an independent estimate, a profile, an audit, the truth."""
+    """What only this domain adds: an independent estimate, a profile, an audit, the truth."""
     folder = out / "figures"
     parts = [
         _single_steps(result.single_steps),

@@ -1,7 +1,7 @@
 """The same kind of effect at ports alike: the friction of both wheels, the sag of all motors.
 
 In: a fit and a judged round on top of it. Out: kinds that are fitted at all those ports at once,
-best first. What both wheels of a robot lack turns it when it is added to one of them: alone it
+best first. What both wheels of a robot lack turns the robot when it is added to one wheel: alone it
 gains, and forecasts get worse.
 """
 
@@ -26,7 +26,7 @@ _MOST = 3  # kinds that are fitted
 class Twins:
     """A kind at all ports alike: its `names`, the fit as one candidate, and the `first` of them.
 
-    `is_at_rest` is whether repeating the fit moves none of its sizes.
+    `is_at_rest` says that repeating the fit moves none of its sizes.
     """
 
     names: tuple[str, ...]
@@ -42,11 +42,11 @@ def twins(
     needed: Mapping[str, float],
     most_effects: int,
 ) -> list[Twins]:
-    """Kinds of the verdicts at all ports alike, the one that gains most first, or what is simpler.
+    """Kinds of the verdicts fitted at all ports alike, best first, or a simpler one before it.
 
-    Only those that gain what is `needed` [nats] at each port alone, nearly as much as at the other
-    ports, and as much more together than at any one. None whose sizes may be nothing at one of
-    them, or that would be more than `most_effects` with those that were found. A model that knows
+    Each gains what is `needed` [nats] at every port alone, nearly as much as at the best port, and
+    that much more at all together than at any one. A kind is left out if its size may be nothing at
+    a port, or if it makes more than `most_effects` with those found before. A model that knows
     no ports has no twins.
     """
     fitted: list[Twins] = []
@@ -71,7 +71,7 @@ def twins(
 
 
 def _simplest_first(model: Comparison, fitted: list[Twins]) -> list[Twins]:
-    """What the best one only elaborates, where it gains as much, first; then none that does so."""
+    """First the kind that the best only elaborates, if it gains as much; without elaborations."""
     for each in fitted[1:]:
         finer = _all_elaborate(model, fitted[0], each)
         if finer and rivals_with(fitted[0].candidate, each.candidate):
@@ -81,13 +81,13 @@ def _simplest_first(model: Comparison, fitted: list[Twins]) -> list[Twins]:
 
 
 def _all_elaborate(model: Comparison, finer: Twins, plainer: Twins) -> bool:
-    """Whether each of some effects is the same as one of others, with more to it."""
+    """Whether each of the `finer` effects is the same as one of the `plainer`, with more to it."""
     pairs = zip(sorted(finer.names), sorted(plainer.names), strict=False)
     return all(elaborates(model, name, other) for name, other in pairs)
 
 
 def _climbed(model: Comparison, found: Fit, alone: Fit, names: Sequence[str]) -> Fit:
-    """A fit of all, from where each has the sizes of the first one alone."""
+    """A fit of all the effects, each starting with the sizes of the first one alone."""
     hypothesis = (*found.hypothesis, *names)
     return climbed(model, begun(model, hypothesis, found, _alike(model, hypothesis, alone, names)))
 
@@ -95,7 +95,7 @@ def _climbed(model: Comparison, found: Fit, alone: Fit, names: Sequence[str]) ->
 def _alike(
     model: Comparison, hypothesis: tuple[str, ...], alone: Fit, names: Sequence[str]
 ) -> FloatArray:
-    """Parameters (p,) in which every effect of `names` has the sizes that its first one has."""
+    """Parameters (p,) in which every effect of `names` has the sizes of the first one."""
     start = theta_from(model, hypothesis, alone)
     for i, free in enumerate(model.free(hypothesis)):
         name, _, size = free.name.partition(".")

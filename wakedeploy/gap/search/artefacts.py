@@ -1,8 +1,8 @@
 """What the steps leave behind, as types: find.json, name.json and domain.json.
 
-In: numbers of a search, or a file. Out: models that a step writes and the next one, the report and
-the terminal read. A number that is none (null in JSON) is NaN here. Every file states the version
-of its form and the rules by which it was decided.
+In: numbers of a search, or a file. Out: models that a step writes and that the next step, the
+report and the terminal read. A missing number (null in JSON) is NaN here. Every file states the
+version of its form and the rules by which it was decided.
 """
 
 import math
@@ -21,7 +21,7 @@ VERSION = 3
 Verdict = Literal["named", "class", "none", "unknown"]
 
 
-_LARGEST = 1e15  # in any unit, nothing that was measured is so large
+_LARGEST = 1e15  # in any unit; nothing that was measured is larger
 
 
 def _or_nan(value: Any) -> Any:
@@ -39,13 +39,13 @@ Number = Annotated[float, BeforeValidator(_or_nan), AfterValidator(_within)]
 
 
 class Part(BaseModel):
-    """A part of an artefact: nothing in it that its type does not know."""
+    """A part of an artefact; unknown fields are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
 
 class Artefact(Part):
-    """A file of a step: the version of its form, the rules, and whose it is.
+    """A step's file: the version of its form, the rules, and whose it is.
 
     `key` is a hash of system and logs; "" where a step is never taken up again.
     """
@@ -60,7 +60,7 @@ class Artefact(Part):
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
     def write(self, path: Path) -> None:
-        """The file, whole or not at all."""
+        """Write the file, whole or not at all."""
         write_text_whole(path, json_text(self.as_json()))
 
 
@@ -81,8 +81,8 @@ class Measured(Quantity):
 class Size(Measured):
     """A value with its 90 % interval, both in `unit`.
 
-    Where innovations are not white the interval is wider: the likelihood's own is `mean_low` to
-    `mean_high`, and `least_squares` is the value by which errors are smallest.
+    Where innovations are not white the interval is wider: `mean_low` to `mean_high` is that of the
+    likelihood alone, and `least_squares` is the value with the smallest errors.
     """
 
     mean_low: Number | None = None
@@ -102,10 +102,10 @@ class Forecast(Part):
 
 
 class Ranked(Part):
-    """An effect in a ranking: what it gains [nats] on episodes that it was not fitted to.
+    """An effect in a ranking: its gain [nats] on episodes that it was not fitted to.
 
     It has to gain `needed_nats`: what chance brings, or less where it gains in block after block.
-    `judged` says why it is not named, or "accepted"; "" where it was not looked at.
+    `judged` says why it is not named, or "accepted"; it is "" if nobody looked.
     """
 
     name: str
@@ -121,7 +121,7 @@ class Ranked(Part):
 class Round(Part):
     """A ranking beside the effects `given`, the gain that chance brings, and what was chosen.
 
-    `steady_nats` is what chance brings where no moment is loud; it is asked of steady effects.
+    `steady_nats` is what chance brings without loud moments; steady effects need that much.
     """
 
     given: list[str]
@@ -155,7 +155,7 @@ class Followed(Part):
 class Law(Part):
     """A law over a coordinate, and over the direction of motion where `by_direction`.
 
-    It removes a share of forecasts' squared error, with its interval of 90 %.
+    `removes` is the share of forecasts' squared error that it removes, with its 90 % interval.
     """
 
     coordinate: str
@@ -168,9 +168,9 @@ class Law(Part):
 class Leftover(Part):
     """A push on a state's rate that nothing explains: its sd, and its share of the usual rate.
 
-    `law` is the most evident function of one coordinate that it follows, `matters` whether the
-    push shows that something unknown is missing. `not_offered` are kinds of effect that could act
-    there, and that the system's port leaves out; without a port (`has_port`) none can.
+    `law` is the most evident function of one coordinate that it follows; `matters` says whether
+    the push shows that something unknown is missing. `not_offered` are kinds of effect that could
+    act there but that the system's port leaves out; without a port (`has_port`) none can.
     """
 
     state: str
@@ -186,10 +186,10 @@ class Leftover(Part):
 
 
 class Lead(Part):
-    """What one half of the recordings leads with by itself, and the interval of its size.
+    """What one half of the recordings by itself ranks first, and the interval of its size.
 
-    `near` are all that this half does not tell from the leading one; `gain_nats` is what that gains
-    in episodes of the half that it was not fitted to, and `parameter` the one that has the size.
+    `near` are all that this half cannot tell from the leading one. `gain_nats` is the leading one's
+    gain in episodes of the half that it was not fitted to; `parameter` is the one of that size.
     """
 
     leading: str
@@ -205,14 +205,14 @@ AnyHalf = TypeVar("AnyHalf", bound=Lead)
 
 
 class Repeated(Part, Generic[AnyHalf]):
-    """Both halves; `agree` where both say what the whole search found, at one size."""
+    """Both halves; `agree` says whether both give the whole search's answer, at one size."""
 
     agree: bool
     halves: list[AnyHalf] = []
 
 
 class Half(Lead):
-    """One half of a system's logs, the blocks of which are `episodes`."""
+    """One half of a system's logs; `episodes` are its blocks."""
 
     episodes: list[str]
 
@@ -238,7 +238,7 @@ class Map(Part):
 
 
 class Place(Part):
-    """Where a channel's residuals are off by more than noise, and by how much."""
+    """A range where a channel's residuals are off by more than noise, and by how much."""
 
     channel: str
     coordinate: str
@@ -279,7 +279,7 @@ class WhitePair(Part):
 
 
 class Error(Part):
-    """A channel's error on sealed episodes, rms."""
+    """A channel's rms error on sealed episodes."""
 
     before: Number
     after: Number
@@ -368,14 +368,14 @@ class Answer(Artefact):
         sealed_gain_nats: What was found gains so much on sealed episodes.
         placebo: What a wrong effect gains there.
         is_outdone: Whether the system's forecasts are no better than the last reading or the mean.
-        is_far_ahead: Whether it was asked to predict far ahead: the next reading told too little.
+        is_far_ahead: Whether it was asked to predict far ahead: the next reading said too little.
         found_theta: The fit with what was found.
         base_theta: The fit without, from which it was found. It is not always that of find.json:
             effects that are begun anew may show the way to a better one.
         repeated: Whether both `halves` of the logs `agree` about what was found first, each fitted
             by itself. Of each, its `episodes`, what it is `leading` with, what that gains there
             [nats], the interval from `low` to `high` of its size, a `parameter` in its `unit`, and
-            all that the half does not tell from it (`near`). None where nothing was named, and
+            all that the half cannot tell from it (`near`). None where nothing was named, and
             where a half has fewer than three blocks.
     """
 
@@ -486,7 +486,7 @@ class LabelAudit(Part):
 
 
 class Result(Disagreements, Answer, BeforeAfter):
-    """domain.json: all steps together, and what one domain alone tells.
+    """domain.json: all steps together, and what one domain alone adds.
 
     `label` is an audit of published forces by group of flights, `far` the same steps where no wake
     is, `hidden` what a simulation had been given.

@@ -1,7 +1,7 @@
 """Candidates fitted beside each other: those that fall far behind are not fitted to the end.
 
-In: a `Comparison` and points. Out: fits. A step is tried with several dampings in one
-run over the logs, as a run costs little more with several parameter sets than with one.
+In: a `Comparison` and points. Out: fits. A step is tried with several dampings in one run over the
+logs: a run with several parameter sets costs little more than one with a single set.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,17 +26,17 @@ from wakedeploy.gap.evidence.fits import (
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.search.comparison import Comparison
 
-_DAMPED = ((1e-3, 0.1, 1.0, 10.0), (100.0, 1e3, 1e4))  # the latter where the former only fall
+_DAMPED = ((1e-3, 0.1, 1.0, 10.0), (100.0, 1e3, 1e4))  # the second three where the first only fall
 _NEARLY_LINEAR = ("form.",)
 _MOST = 10  # steps of a climb
 _ENOUGH_NATS = 0.3  # a step that gains less ends a climb
 _RACED = 2  # steps after which those that fall behind stop
 _BEHIND = 0.5  # share of what the best has gained that another must have
-_NEAR_NATS = 15.0  # as near as that none has fallen behind
+_NEAR_NATS = 15.0  # none this near to the best has fallen behind
 
 
 def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
-    """Fits from all starts; those that soon gain much less than the best one are left there."""
+    """Fits from all starts; one that soon gains much less than the best is stopped there."""
     fits, rising = [fresh(model, start, start.theta) for start in starts], [True] * len(starts)
     for step in range(_MOST):
         best = max((f.objective for f in fits), default=0.0) - base.objective
@@ -56,12 +56,12 @@ def finished(
     fits: Sequence[Fit],
     ended: Callable[[int], None] = lambda count: None,
 ) -> dict[int, Fit]:
-    """Those that may be the best one, to the end, in place of what the race came to.
+    """The fits that may be the best one, climbed to the end, by their place in the race.
 
     A race ends where steps get short, and along a curved valley that is far below the summit: what
-    leads there need not lead at the end. Two more climbs begin where the effect has its size from
-    the race or from before it, and everything else is as in the base; most of such valleys can be
-    gone round. `ended` is told how many have been asked about.
+    leads there need not lead at the end. Two more climbs start with the effect's size from the race
+    or from before it, and all else as in the base; this goes round most such valleys. `ended` is
+    called with the number of fits decided on.
     """
     best = max((f.objective for f in fits), default=0.0) - base.objective
     reached = {}
@@ -89,11 +89,11 @@ def sized(base: Fit, fitted: Fit, theta: FloatArray) -> FloatArray:
 
 def climbed(model: Comparison, start: Fit) -> Fit:
     """A fit from a point."""
-    return raced(model, start, [start])[0]  # alone, it is behind none
+    return raced(model, start, [start])[0]  # alone, it falls behind none
 
 
 def begun(model: Comparison, hypothesis: tuple[str, ...], like: Fit, theta: FloatArray) -> Fit:
-    """A point of a hypothesis, on the blocks of another fit; it has no slopes yet."""
+    """A point of a hypothesis on another fit's blocks, without slopes yet."""
     free = model.free(hypothesis)
     return Fit(hypothesis, free, like.episodes, theta, NO_SLOPES, np.zeros(0))
 
@@ -104,7 +104,7 @@ def height(fitted: Fit) -> float:
 
 
 def advanced(model: Comparison, fitted: Fit) -> tuple[Fit, float]:
-    """One step on, with fresh slopes, and the nats that it gained."""
+    """The fit after one step, with fresh slopes, and the nats that the step gained."""
     for dampings in _DAMPED:
         points = np.array([_stepped(fitted, damping) for damping in dampings])
         scores = scores_of(model, fitted.hypothesis, points, fitted.episodes)
@@ -121,7 +121,7 @@ def _objective(fitted: Fit, theta: FloatArray, scores: Sequence[Score]) -> float
 
 
 def _stepped(fitted: Fit, damping: float) -> FloatArray:
-    """A step of Levenberg and Marquardt, within the bounds."""
+    """A step of Levenberg and Marquardt within the bounds."""
     free, theta = fitted.free, fitted.theta
     precision = prior_precision(free)
     low, high = bounds_of(free)
@@ -132,9 +132,9 @@ def _stepped(fitted: Fit, damping: float) -> FloatArray:
 
 
 def fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:
-    """The fit at another point, its scores and slopes from one run.
+    """The fit at another point, with scores and slopes from one run.
 
-    Slopes of what is nearly linear, the form, are kept where they are known.
+    Slopes of the form, which is nearly linear, are kept where they are known.
     """
     known = fitted.slopes.innovation
     renewed = [

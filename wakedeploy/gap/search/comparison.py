@@ -20,17 +20,17 @@ _CORRELATIONS = 5.0  # times the noise's time constant: how long a block of resi
 
 
 def searched_on(model: "Comparison") -> "Comparison":
-    """The part of the recordings that a search looks at; the model itself, if it knows none."""
+    """The part of the recordings that a search looks at; the model itself if it names none."""
     return model.thinned()
 
 
 def asked_far_ahead(model: "Comparison") -> "Comparison | None":
-    """The model asked to predict far ahead rather than the next reading, if it can be."""
+    """The model asked to predict far ahead instead of the next reading; None if it cannot be."""
     return model.far_ahead()
 
 
 def theta_from(model: "Comparison", hypothesis: tuple[str, ...], *fits: Fit) -> FloatArray:
-    """Parameters (p,) as fits have them, the last of those that do; neutral where none does."""
+    """Parameters (p,) from the last of the fits that has each; neutral where none has."""
     known = {name: value for f in fits for name, value in zip(f.names, f.theta, strict=True)}
     return np.array([known.get(f.name, f.neutral) for f in model.free(hypothesis)])
 
@@ -54,7 +54,7 @@ class Comparison(Model, Protocol):
 
     @property
     def name(self) -> str:
-        """Of the system."""
+        """The system's name."""
         ...
 
     @property
@@ -101,7 +101,7 @@ class Comparison(Model, Protocol):
         """How long a channel's noise stays the same [s]."""
         ...
 
-    # What only some know; `ComparisonDefaults` has what the others say.
+    # What only some models know; `ComparisonDefaults` has the answers of the others.
     is_pushed: bool
 
     def thinned(self) -> "Comparison":
@@ -109,7 +109,7 @@ class Comparison(Model, Protocol):
         ...
 
     def far_ahead(self) -> "Comparison | None":
-        """The same, asked to predict far ahead rather than the next reading; None if it cannot."""
+        """The same, asked to predict far ahead instead of the next reading; None if it cannot."""
         ...
 
     def log_of(self, episode: int) -> int:
@@ -117,7 +117,7 @@ class Comparison(Model, Protocol):
         ...
 
     def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
-        """Errors of forecasts that ask no model, a list of (c, m) for each of these."""
+        """Errors of forecasts without a model: for each such forecast a list of (c, m)."""
         ...
 
     def crossed_disagreements(
@@ -127,7 +127,7 @@ class Comparison(Model, Protocol):
         ...
 
     def groups(self, names: Sequence[str]) -> list[list[str]]:
-        """Effects that one run can tell of."""
+        """Effects in groups that one run can judge together."""
         ...
 
     def ports_alike(self, name: str) -> Sequence[str]:
@@ -135,7 +135,7 @@ class Comparison(Model, Protocol):
         ...
 
     def simpler_effects(self, name: str) -> Sequence[str]:
-        """Effects at the same port that this one is with more to it."""
+        """Effects at the same port that this one only elaborates."""
         ...
 
     def is_friction_law(self, name: str) -> bool:
@@ -143,13 +143,13 @@ class Comparison(Model, Protocol):
         ...
 
     def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
-        """What still acts and is explained by nothing."""
+        """What still acts and nothing explains."""
         ...
 
     def late_inputs(self, base: Fit, found: Fit) -> dict[str, float]:
         """Inputs that come later than the outputs that they drive, and by how much [s].
 
-        Not those whose outputs only seem to lead as long as what was found is missing.
+        An input is left out if its outputs lead only while what was found is missing.
         """
         ...
 
@@ -158,16 +158,16 @@ class Comparison(Model, Protocol):
         ...
 
     def curved_inputs(self, named: Sequence[str]) -> list[str]:
-        """Inputs that act by a curve, where what is named may stand for a lag behind that."""
+        """Inputs that act by a curve, where what was named may stand for a lag behind it."""
         ...
 
     def clock_s(self, fitted: Fit, parameter: str) -> float:
-        """What an input's clock has of a delay [s], by the delay's whole name; 0 of all else."""
+        """The part of a delay that its input's clock took [s], by the delay's full name; else 0."""
         ...
 
 
 class ComparisonDefaults:
-    """What a comparison says that knows nothing but its response and its noise."""
+    """The answers of a comparison that knows nothing but its response and its noise."""
 
     is_pushed = True
 
@@ -180,17 +180,17 @@ class ComparisonDefaults:
         return None
 
     def log_of(self, episode: int) -> int:
-        """Each is a log."""
+        """Each episode is a log."""
         return episode
 
     def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
-        """No forecast asks no model."""
+        """There is no forecast without a model."""
         return []
 
     def crossed_disagreements(
         self: Comparison, fitted: Fit, thetas: FloatArray, sets: Sequence[int]
     ) -> list[FloatArray]:
-        """One episode after the other."""
+        """One episode after another."""
         return [
             self.disagreements(replace(fitted, theta=thetas[k]), [episode])[0]
             for episode, k in zip(fitted.episodes, sets, strict=True)
@@ -205,11 +205,11 @@ class ComparisonDefaults:
         return ()
 
     def simpler_effects(self, name: str) -> Sequence[str]:
-        """None is another with more to it."""
+        """No effect elaborates another."""
         return ()
 
     def is_friction_law(self, name: str) -> bool:
-        """None is."""
+        """No effect is."""
         return False
 
     def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
@@ -236,7 +236,7 @@ class ComparisonDefaults:
 def residual_series(
     model: Comparison, fitted: Fit, episodes: Sequence[int]
 ) -> tuple[dict[str, list[Residuals]], Axes]:
-    """Residuals of every channel in some episodes, and what they are over."""
+    """Residuals of every channel in some episodes, and the axes that they are over."""
     values = model.values(fitted.hypothesis, fitted.theta)
     residuals = [model.disagreement(values, e) for e in episodes]
     where = [model.coordinates(e) for e in episodes]

@@ -2,7 +2,7 @@
 
 In: a `Comparison`, a fit without the effect. Out: the score statistic (Rao, Math. Proc. Cambridge
 Philos. Soc. 44, 1948) from one pass over the logs, the best point that a Newton step from there
-reaches, and slopes from which a climb and the gain of chance are told.
+reaches, and slopes from which a climb and the gain of chance are estimated.
 
 An effect's amplitude is a parameter whose neutral value is 0: there the effect vanishes, whatever
 its shapes are, and the base's scores hold.
@@ -32,17 +32,17 @@ from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.search.comparison import Comparison
 
-_PARTS = (1.0, 0.3)  # of a step, as far as the likelihood rises
+_PARTS = (1.0, 0.3)  # of a step, tried for as long as the likelihood rises
 _SEEDS = 2  # shapes from which a step is tried
-_PROMISING = 1.5  # nats, below which no step is tried
+_PROMISING = 1.5  # [nats] no step is tried for less
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
     """A base, seen from a candidate: its directions and what they leave of the innovations.
 
-    `q` (2n + p, p) and `r` (p, p) are its whitened slopes with the priors below; `rest` (2n + p,)
-    is what slopes are multiplied with to give a gradient.
+    `q` (2n + p, p) and `r` (p, p) factor its whitened slopes with the priors below them; slopes
+    times `rest` (2n + p,) give a gradient.
     """
 
     base: Fit
@@ -61,22 +61,22 @@ class Ground:
         return cls(base, q, r, rest - q @ (q.T @ rest))
 
     def residual(self, columns: FloatArray) -> FloatArray:
-        """What known directions leave of columns (2n, k): (2n + p, k)."""
+        """What the known directions leave of columns (2n, k): (2n + p, k)."""
         padded = np.vstack([columns, np.zeros((len(self.r), columns.shape[1]))])
         return np.asarray(padded - self.q @ (self.q[: len(columns)].T @ columns))
 
     def followed(self, columns: FloatArray) -> FloatArray:
-        """How far the base's parameters go back with a unit of each column, (p, k)."""
+        """How far the base's parameters move back for a unit of each column, (p, k)."""
         pull = self.q[: len(columns)].T @ columns
         return np.asarray(np.linalg.lstsq(self.r, pull, rcond=1e-12)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A candidate around the base: the best point reached, what is promised, and slopes.
+    """A candidate around the base: the best point reached, the promised gain, and slopes.
 
-    `columns` are whitened slopes of its own for each shape, (2n, k), and what each of its starts
-    changes, (2n, 1); `first` is what the first start changes.
+    `columns` are its whitened slopes for each shape (2n, k), and what each of its starts changes
+    (2n, 1); `first` is what the first start changes.
     """
 
     name: str
@@ -86,12 +86,12 @@ class Look:
     first: FloatArray
 
     def prospect(self, base: Fit) -> float:
-        """What it may gain, by what was reached or promised [nats]."""
+        """The gain [nats] that was reached or is promised, whichever is larger."""
         return max(self.fit.objective - base.objective, self.promised)
 
 
 def white_rest(score: Score) -> FloatArray:
-    """What whitened slopes are multiplied with to give a gradient, (2n,)."""
+    """What whitened slopes are multiplied by to give a gradient, (2n,)."""
     seen = score.log_density != 0.0
     spread = np.sqrt(0.5 * score.weight) * (score.innovation**2 / score.variance - 1.0)
     return np.concatenate([-score.white, np.where(seen, spread, 0.0)])
@@ -128,7 +128,7 @@ class _Plan:
 def looks(
     model: Comparison, ground: Ground, names: Sequence[str], steps: StepsDone = uncounted
 ) -> list[Look]:
-    """Every candidate; on short logs several at once, as each run costs about the same."""
+    """A look at every candidate; on short logs, where a run costs the same, several share one."""
     plans = {name: _Plan.of(model, ground.base, name) for name in names}
     scored = together(model, ground.base, ground.base, {n: p.thetas for n, p in plans.items()})
     found = []
@@ -149,8 +149,8 @@ def together(
 ) -> Iterator[tuple[str, list[tuple[Score, ...]]]]:
     """Scores of several candidates, each at points of its own hypothesis on top of `base`.
 
-    On short logs several are scored in one run: all act, but one of them at a time is there. What
-    a candidate's points do not say is as in `like`.
+    On short logs several are scored in one run: all are in it, but only one acts at a time. What a
+    candidate's points leave open is as in `like`.
     """
     for group in model.groups(list(points)):
         hypothesis = (*base.hypothesis, *group)
@@ -196,7 +196,7 @@ def _look(
 
 
 class _Climb:
-    """Steps of a candidate's amplitudes, the base's parameters following."""
+    """Steps of a candidate's amplitudes; the base's parameters follow."""
 
     def __init__(
         self, ground: Ground, name: str, free: tuple[Free, ...], amplitudes: Sequence[int]
@@ -208,7 +208,7 @@ class _Climb:
         self._theirs = [place[free[i].name] for i in self._shared]
 
     def promise(self, seed: FloatArray, slopes: Slopes) -> tuple[float, FloatArray]:
-        """Nats that a step promises, and the step (p,)."""
+        """The nats that a step promises, and the step (p,)."""
         columns = np.concatenate(whitened(slopes))[:, self._amplitudes]
         span = self._ground.residual(columns)
         pull = span.T @ self._ground.rest
@@ -227,7 +227,7 @@ class _Climb:
         return np.asarray(np.clip(theta, *bounds_of(self._free)))
 
     def at(self, theta: FloatArray, scores: tuple[Score, ...], slopes: Slopes) -> Fit:
-        """A point with its scores; slopes of where the step began stand for those there."""
+        """A point with its scores; it takes the slopes of where the step began."""
         rescored = Slopes(scores, slopes.innovation, slopes.variance)
         episodes, density = self._ground.base.episodes, densities(scores)
         return Fit(self._hypothesis, self._free, episodes, theta, rescored, density)
@@ -236,7 +236,7 @@ class _Climb:
 def _seeds(
     starts: Sequence[FloatArray], origin: FloatArray, amplitudes: Sequence[int]
 ) -> list[FloatArray]:
-    """Amplitudes at nothing, shapes at each of their starts."""
+    """Points with amplitudes at 0 and shapes at each of their starts."""
     seeds: dict[bytes, FloatArray] = {}
     for start in starts:
         seed = start.copy()
@@ -246,7 +246,7 @@ def _seeds(
 
 
 def starts_of(origin: FloatArray, free: Sequence[Free], places: Sequence[int]) -> list[FloatArray]:
-    """An effect, its parameters at `places`, at each of its starts; all else as in `origin`."""
+    """Points with an effect's parameters (at `places`) at each of its starts, else as `origin`."""
     count = max(len(free[i].starts) for i in places)
     starts = []
     for k in range(count):
@@ -300,5 +300,5 @@ def _change(base: Fit, scores: Sequence[Score]) -> FloatArray:
 
 
 def _seen(score: Score, other: Score) -> FloatArray:
-    """Samples at which neither filter has lost its track."""
+    """The samples at which neither filter has lost track."""
     return np.asarray((score.log_density > LOST_NATS) & (other.log_density > LOST_NATS))

@@ -1,8 +1,8 @@
-"""Candidates fitted from where the best one ended: what explains as much only from there.
+"""Candidates fitted from where the best one ended: some explain as much only from there.
 
 In: a base and a fit of each candidate on top of it. Out: better fits of those that come near the
-best one once noise and constants stand as beside it. Where constants have bent to an effect that
-the base lacks, the way from the base leads through worse fits than either.
+best one with its noise and constants. Where constants have bent to an effect that the base lacks,
+the way from the base leads through fits that are worse than both.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,16 +24,16 @@ from wakedeploy.gap.search.climbing import raced
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.first_look import starts_of, together
 
-_NEAR = 0.3  # share of the best one's gain that another must have from there to be fitted
+_NEAR = 0.3  # share of the best one's gain that another must reach there to be fitted
 _MOST = 4  # that are fitted from there
-_LEADERS = 3  # from whose places others are tried
+_LEADERS = 3  # the most candidates from whose ends others are tried
 _DELAYS = (0.5, 1.0)  # of the best one's: two lags in series are each half as long
 
 
 def imitated(model: Comparison, base: Fit, fitted: Mapping[str, Fit]) -> dict[str, Fit]:
-    """The fits, those replaced that are better from where the best one ended, by effect.
+    """The fits by effect; one that is better from where the best one ended replaces its own.
 
-    Where another is then the best, the rest are tried from there, too.
+    If another is then the best, the rest are tried from its end, too.
     """
     known, tried = dict(fitted), set[str]()
     for _ in range(_LEADERS):
@@ -63,7 +63,7 @@ def _imitating(
 
 
 def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dict[str, Fit]:
-    """The best start of each candidate beside the noise and the constants of the best fit."""
+    """The best start of each candidate with the noise and constants of the best fit."""
     points, frees = {}, {}
     for name in names:
         frees[name] = model.free((*base.hypothesis, name))
@@ -80,7 +80,7 @@ def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dic
 
 
 def _points(best: Fit, free: Sequence[Free], name: str) -> list[FloatArray]:
-    """A candidate at its starts, and as late as the best one is, where both are delays."""
+    """A candidate's starts; if it and the best are both delays, also those as late as the best."""
     origin = extended(best, free)
     places = own_places(free, name)
     points = starts_of(origin, free, places)

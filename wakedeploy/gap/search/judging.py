@@ -3,9 +3,9 @@
 In: a `Comparison` and a fit of the system as it is. Out: what was named, what was rejected and why,
 and what still acts on the system that nothing named explains.
 
-`rounds.py` finds one effect after another, `withdrawal.py` takes out what does not hold. Sealed
-blocks rank nothing; they only withdraw what they do not bear out, and where nothing is left of an
-answer the others rank once more without it.
+`rounds.py` finds one effect after another; `withdrawal.py` takes out what does not hold. Sealed
+blocks rank nothing; they only withdraw what they do not bear out. If nothing is left of an answer,
+the other blocks rank once more without it.
 """
 
 import functools
@@ -46,12 +46,12 @@ def fitted_base(model: Comparison) -> Fit:
 
 
 def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
-    """Effects one after another, as long as one is evident and matters.
+    """Effects named one after another, as long as one is evident and matters.
 
-    Long recordings are searched in part; sizes and sealed episodes are those of all. The model is
-    asked for the next reading; where the answer explains too little, it is asked far ahead, too,
-    beside what was named, if that has no rivals. What comes of it takes the place of an unknown if
-    forecasts get better, those of sealed episodes, too; of another answer, if they surely do.
+    Long recordings are searched in part; sizes and sealed episodes come from all of them. The model
+    is first asked for the next reading. If that explains too little, it is asked far ahead, too,
+    beside what was named if that has no rivals. The second answer replaces an unknown if forecasts
+    get better, also on sealed episodes; it replaces any other answer if they surely do.
     """
     outcome = _named(model, base, progress)
     far = None if _is_whole(outcome) else asked_far_ahead(model)
@@ -73,10 +73,10 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
 
 
 def _further_ahead(far: Comparison, near: Named, progress: Progress) -> Named:
-    """What was named for the next reading, and is needed far ahead, with what else is named there.
+    """What was named for the next reading and is needed far ahead, and what else is named there.
 
-    It is fitted there, too. A forecast's few readings alone leave room for laws that every reading
-    speaks against.
+    It is fitted far ahead, too. The few readings of a forecast would alone leave room for laws that
+    the other readings speak against.
     """
     base, hypothesis = fitted_base(far), near.found.hypothesis
     part, begun = _on_part(far, base)
@@ -96,7 +96,7 @@ def _on_part(model: Comparison, base: Fit) -> tuple[Comparison, Fit]:
 
 
 def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[Leftover, ...]:
-    """What still acts beside what was named far ahead, where no push can say so."""
+    """What still acts beside what was named far ahead, where no lasting push can show it."""
     hypothesis = again.found.hypothesis
     start = theta_from(model, hypothesis, outcome.found, again.found)
     fitted = settled(model, fit(model, hypothesis, outcome.found.episodes, start))[0]
@@ -106,9 +106,9 @@ def _left_near(model: Comparison, outcome: Named, again: Named) -> tuple[Leftove
 def _named(
     model: Comparison, base: Fit, progress: Progress, lacks_something: bool = False
 ) -> Named:
-    """What one way of asking names; where that explains too little, the effects are begun anew.
+    """What is named by one way of asking; if it explains too little, the effects start anew.
 
-    With `lacks_something` another way has said so: then "none" explains too little.
+    `lacks_something` says that another way found too little: then "none" explains too little.
     """
     part, begun = _on_part(model, base)
     outcome = _searched(model, base, Named(model, begun, begun, []), progress)
@@ -131,7 +131,7 @@ def _named(
 
 
 def _is_whole(outcome: Named) -> bool:
-    """Whether nothing hints at more than an answer says."""
+    """Whether nothing hints that more is missing than the answer says."""
     is_open = verdict_of(outcome) == "unknown" or evident_yet_unnamed(outcome)
     return not (is_open or outcome.leftover or is_outdone(outcome.model, outcome.found))
 
@@ -143,7 +143,7 @@ def _searched(
     progress: Progress,
     anew: Mapping[str, Fit] = NOTHING,
 ) -> Named:
-    """What is named on top of a base, candidates beginning there or where `anew` has them."""
+    """What is named on top of a base; candidates start there, or where `anew` has them."""
     outcome = _found(model, base, outcome, progress, anew)
     needed = any(weight.low > RULES.surely_share for weight in outcome.weights.values())
     if not needed and is_outdone(model, outcome.found):
@@ -154,9 +154,9 @@ def _searched(
 def _found(
     model: Comparison, base: Fit, start: Named, progress: Progress, anew: Mapping[str, Fit]
 ) -> Named:
-    """What is named and borne out; where nothing is, once more without what was withdrawn.
+    """What is named and borne out; if nothing is, once more without what was withdrawn.
 
-    One effect may fit too well what a few episodes show, and hide another that all of them bear
+    One effect may fit too well what a few episodes show, and hide another that all episodes bear
     out.
     """
     part, outcome = searched_on(model), start
@@ -179,9 +179,10 @@ def _found(
 
 
 def _stays(model: Comparison, outcome: Named) -> tuple[Named, tuple[str, ...]]:
-    """What has a size and is borne out, and what had a size at first.
+    """What has a size and is borne out, and the names that had a size at first.
 
-    Without what sealed episodes do not bear out the size of another may be nothing, and so on.
+    Once an effect that sealed episodes do not bear out is gone, another may have no size, and so
+    on.
     """
     sized = with_sizes(model, outcome)
     borne, named_at_first = borne_out(model, sized), sized.found.hypothesis

@@ -1,7 +1,7 @@
 """What an effect has to gain to be evident: more than chance, in more than one block.
 
 In: a candidate's gains on blocks that it was not fitted to, and what chance brings to the best of
-all. Out: the gain that is asked of it, and whether blocks share it.
+all. Out: the gain that it needs, and whether blocks share it.
 """
 
 from typing import NamedTuple
@@ -14,9 +14,10 @@ from wakedeploy.gap.rules import RULES
 
 
 class Chance(NamedTuple):
-    """What chance brings to the luckiest of all effects [nats], and without a log's loud moments.
+    """What chance brings to the luckiest of all effects [nats], with and without loud moments.
 
-    The latter comes of Gaussian noise, and of constants and form as wrong as their priors allow.
+    The second comes from Gaussian noise, and from constants and form as wrong as their priors
+    allow.
     """
 
     nats: float
@@ -24,13 +25,13 @@ class Chance(NamedTuple):
 
 
 def needed_nats(effect: Candidate, chance: Chance, tried: int) -> float:
-    """What an effect has to gain [nats], of as many as were `tried`.
+    """What an effect has to gain [nats] if `tried` effects were tried.
 
-    A few loud moments raise what chance brings for every effect, by what the one gains that acts
-    just there. An effect that gains in block after block owes that to no moment: by the spread of
-    its own gains (Student's t, shared among all that were tried) it is evident by less. Gains that
-    are small as a rule and large losses as an exception would pass for steady where no block has
-    such a loss; sealed blocks are asked besides.
+    A few loud moments raise what chance brings for every effect, by the gain of the one that acts
+    just then. An effect that gains in block after block owes that to no moment: by the spread of
+    its own gains (Student's t, shared among all that were tried) a smaller gain makes it evident.
+    Mostly small gains with a rare large loss would pass for steady where no block has such a loss;
+    sealed blocks are asked besides.
     """
     gains = np.asarray(effect.gains)
     if len(gains) < RULES.fewest_blocks or not gains.std():
@@ -44,7 +45,7 @@ def needed_nats(effect: Candidate, chance: Chance, tried: int) -> float:
 
 
 def is_shared(effect: Candidate, needed: float) -> bool:
-    """Whether a gain is more than one block's, and not taken back by others."""
+    """Whether a gain is more than one block's, and other blocks do not take it back."""
     gains = effect.gains
     if len(gains) < 2:
         return False

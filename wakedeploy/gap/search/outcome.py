@@ -31,11 +31,11 @@ ACCEPTED = "accepted"
 class Named:
     """What was named: fits without and with it, its rounds, and rivals of a class.
 
-    The fits are of `model`: the one that was asked, or that one asked far ahead.
-    `weights` say how much each effect improves forecasts of the blocks that it was found on,
-    cross-fitted; `leftover` is what still acts and is not explained. Of a system whose forecasts
-    are no better than those that ask no model (`is_outdone`) nothing is named, unless it surely
-    removes most of the error: where little moves, the last reading is hard to outdo.
+    The fits are of `model`: the one that was asked, or the same asked far ahead. `weights` say how
+    much each effect improves forecasts of the blocks that it was found on, cross-fitted; `leftover`
+    is what still acts unexplained. If the system's forecasts are no better than those without a
+    model (`is_outdone`), nothing is named unless it surely removes most of the error: where little
+    moves, the last reading is hard to outdo.
     """
 
     model: Comparison
@@ -46,10 +46,10 @@ class Named:
     weights: Mapping[str, Weight] = field(default_factory=dict)
     unsettled: tuple[str, ...] = ()
     leftover: tuple[Leftover, ...] = ()
-    alone: tuple[Candidate, ...] = ()  # every effect without any other
+    alone: tuple[Candidate, ...] = ()  # every effect by itself on the base
     is_outdone: bool = False
     is_far_ahead: bool = False
-    withdrawn: tuple[str, ...] = ()  # named once, and not borne out by sealed episodes
+    withdrawn: tuple[str, ...] = ()  # named once, but not borne out by sealed episodes
 
 
 def verdict_of(outcome: Named) -> str:
@@ -64,21 +64,21 @@ def verdict_of(outcome: Named) -> str:
 
 
 def evident_yet_unnamed(outcome: Named) -> list[Forecast]:
-    """What forecasts would gain by each effect that is evident where nothing was named."""
+    """The forecast gain of each evident effect, if nothing was named."""
     if outcome.found.hypothesis:
         return []
     return [e.forecast for r in outcome.rounds for e in r.ranking if e.forecast is not None]
 
 
 def left_of(outcome: Named, found: Fit) -> Named:
-    """What was named, as far as a fit still has it."""
+    """What was named, reduced to what a fit still has."""
     kept = {n: w for n, w in outcome.weights.items() if n in found.hypothesis}
     rivals = still_open(outcome.model, found, outcome.rivals)
     return replace(outcome, found=found, rivals=rivals, weights=kept)
 
 
 def still_open(model: Comparison, found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
-    """A class without its members' elaborations; () where more than one of it was found."""
+    """A class without its members' elaborations; () if more than one member was found."""
     if sum(n in found.hypothesis for n in rivals) != 1:
         return ()
     named_member = next(n for n in rivals if n in found.hypothesis)
@@ -94,7 +94,7 @@ def chance_of(searched: Round) -> Chance:
 
 
 def marked(searched: Round, name: str, why: str) -> Round:
-    """A round that says why an effect of its ranking is not named."""
+    """A round that says why one effect of its ranking is not named."""
     ranking = [
         entry.model_copy(update={"judged": why}) if entry.name == name else entry
         for entry in searched.ranking

@@ -23,10 +23,10 @@ IntArray = npt.NDArray[np.int64]
 Orders = npt.NDArray[np.int32]
 BoolArray = npt.NDArray[np.bool_]
 
-INNOVATION = "innovation"  # of no unit that a system has: it tells that, and not by how much
+INNOVATION = "innovation"  # it has no unit: it says that something is off, not by how much
 _BINS = 8
-_FEWEST = 80  # residuals, to make a map of
-_PERMUTATIONS = 999  # the fewest with which one map alone can be significant among all
+_FEWEST = 80  # residuals that a map is made of
+_PERMUTATIONS = 999  # the fewest with which one map among all can be significant
 _CLEAR_SE = 2.0
 _MOST_PLACES = 12
 _MOST_OF_INNOVATIONS = 4
@@ -44,10 +44,10 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Axes:
-    """What residuals are of and over: units of channels, unit of each coordinate, blocks' lengths.
+    """What residuals are of and over: channels' units, coordinates' units, blocks' lengths.
 
     A coordinate also says whether it is known whatever the system does. A block [s] is longer than
-    the channel's residuals stay alike.
+    a channel's residuals stay alike.
     """
 
     channels: Mapping[str, str]
@@ -58,11 +58,11 @@ class Axes:
 def disagreements(
     series: Mapping[str, Sequence[Residuals]], axes: Axes, least: Mapping[str, float] | None = None
 ) -> tuple[list[Map], list[Place]]:
-    """Maps of every channel's residuals, and the places that stand out of them.
+    """Maps of every channel's residuals, and the places that stand out in them.
 
     A place counts from the size `least` of its channel on, in its unit; a channel without one
-    counts by its q value alone. Places come by q value, then by how far their map stands out of its
-    shuffles, innovations after the other channels.
+    counts by its q value alone. Places are sorted by q value, then by how far their map stands out
+    of its shuffles; innovations come after the other channels.
     """
     maps = [m for each in series.values() for m in _maps(each, axes)]
     of_all = q_values([m.p_value for m in maps])
@@ -75,7 +75,7 @@ def disagreements(
 def _ranked(places: Sequence[Place], limits: Mapping[str, float]) -> list[Place]:
     """Places beyond their channel's limit, the most significant first.
 
-    Innovations know of no force and no millimetre: they stand behind what does, and crowd out none.
+    Innovations have neither newtons nor millimetres: they come last and push no other place out.
     """
 
     def key(place: Place) -> tuple[float, bool, float, float]:
@@ -103,7 +103,7 @@ def q_values(p: Sequence[float]) -> list[float]:
 def _maps(series: Sequence[Residuals], axes: Axes) -> list[Map]:
     """A channel's maps over every coordinate that varies, and its mean over all places.
 
-    Their q values are not known before those of all other channels.
+    Their q values are only known once all other channels are.
     """
     length = block_length(series, axes)
     rng = np.random.default_rng([len(s.value) for s in series])
@@ -168,10 +168,10 @@ def _map(
 
 
 def _judged(strength: float, shuffled: FloatArray) -> tuple[float, float]:
-    """The share of shuffles as strong, and by how many of their deviations it exceeds them.
+    """The share of shuffles as strong as the map, and by how many deviations it exceeds them.
 
-    Many p values are the least that so many shuffles can give; deviations still tell which of them
-    stands out the most, whatever the channel.
+    Many p values are the least that this number of shuffles can give; deviations still show which
+    of them stands out the most, whatever the channel.
     """
     beaten = int((shuffled >= strength * (1.0 - 1e-12)).sum())
     deviation = max(float(shuffled.std()), 1e-300)
@@ -199,8 +199,8 @@ def _between_episodes(value: FloatArray, bins: IntArray, series: Sequence[Residu
 def _everywhere(series: Sequence[Residuals], length: int, axes: Axes) -> Map:
     """The mean over all places, against the spread of its blocks (each block's sign flipped).
 
-    It asks whether these flights as a whole are off by more than noise, so a flight's own mean
-    counts here, where the maps leave it out.
+    It asks whether these flights as a whole are off by more than noise; so a flight's own mean
+    counts here, while the maps leave it out.
     """
     value = np.concatenate([s.value for s in series])
     sums = np.array([value[b].sum() for b in blocks_of(series, length)])
@@ -227,7 +227,7 @@ def _everywhere(series: Sequence[Residuals], length: int, axes: Axes) -> Map:
 
 
 def blocks_of(series: Sequence[Residuals], length: int) -> list[IntArray]:
-    """Indices of blocks of so many samples, none across two flights."""
+    """Indices of blocks of `length` samples, none across two flights."""
     blocks, offset = [], 0
     for s in series:
         count = len(s.value)
@@ -240,10 +240,10 @@ def blocks_of(series: Sequence[Residuals], length: int) -> list[IntArray]:
 
 
 def _orders(counts: Sequence[int], length: int, rng: np.random.Generator) -> Orders:
-    """Indices (permutations, n) that shuffle blocks of so many samples within each flight.
+    """Indices (permutations, n) that shuffle blocks of `length` samples within each flight.
 
-    A flight has few blocks; where they are cut is therefore drawn, too, on the flight bent into a
-    ring, which breaks what belongs together only once more.
+    A flight has few blocks, so where they are cut is drawn, too, on the flight bent into a ring;
+    the ring breaks only one more pair of neighbours.
     """
     orders = np.empty((_PERMUTATIONS, sum(counts)), np.int32)
     offset = 0
@@ -258,7 +258,7 @@ def _orders(counts: Sequence[int], length: int, rng: np.random.Generator) -> Ord
 
 
 def _centred(value: FloatArray, known: BoolArray, counts: Sequence[int]) -> FloatArray:
-    """Values less their own flight's mean, 0 where they are not known: (n,)."""
+    """Values less the mean of their own flight, 0 where they are not known: (n,)."""
     result = np.zeros(len(value))
     for stop, count in zip(np.cumsum(counts), counts, strict=True):
         samples = np.arange(stop - count, stop)[known[stop - count : stop]]
@@ -345,7 +345,7 @@ def _words(m: Map, low: float, high: float, residual: float, first: bool, last: 
 
 
 def _short(value: float) -> str:
-    """Three digits, and never a power of ten: 0.0941, 1714."""
+    """Three digits without a power of ten: 0.0941, 1714."""
     return minus(f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}")
 
 
@@ -360,6 +360,6 @@ def forbids_none(places: Sequence[Place]) -> bool:
 
 
 def _mean_square(values: FloatArray) -> float:
-    """Of finite values; 0 for none."""
+    """The mean square of the finite values; 0 for none."""
     finite = values[np.isfinite(values)]
     return float((finite**2).mean()) if len(finite) else 0.0

@@ -1,11 +1,10 @@
 """Whether two halves of the recordings, each by itself, give the same answer.
 
 An answer that only all recordings together give may rest on one part of them. Each half is fitted
-by itself, from where the base stands, and ranks what was found first, its nearest rivals and
-whatever else its own slopes promise most. What else was named stands beside each of them: it is no
-rival.
+by itself, from where the base stands. It ranks what was found first, its nearest rivals, and what
+its own slopes promise most. The other named effects stand beside each of these, not as rivals.
 
-In: the outcome of a search. Out: what each half leads with, at which size, and whether they agree.
+In: the outcome of a search. Out: what each half ranks first, at which size, and whether they agree.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -27,13 +26,13 @@ from wakedeploy.gap.search.sizes import least_squares, parameters
 
 RIVALS = 3  # of the whole search's ranking that each half looks at as well
 PROMISING = 3  # others that each half looks at by its own slopes
-_MANY_LOGS = 6  # from which halves are of whole logs: three each
+_MANY_LOGS = 6  # from six logs on, a half is of whole logs: three at least
 
 
 def repeated(outcome: Named, progress: Progress = quiet) -> Repeated[Half] | None:
     """Both halves' answers about the first effect found; None where there is nothing to repeat.
 
-    That is: nothing was named, or a half has fewer episodes than a verdict is fitted to. Of long
+    That is where nothing was named, or a half has too few episodes for a verdict. Of long
     recordings each half has what the search looks at.
     """
     if not outcome.found.hypothesis or verdict_of(outcome) == "unknown":
@@ -49,9 +48,9 @@ def repeated(outcome: Named, progress: Progress = quiet) -> Repeated[Half] | Non
 
 
 def agree(first: Lead, other: Lead, claimed: Collection[str]) -> bool:
-    """Whether both lead with what is claimed, and gain something, at sizes whose intervals meet.
+    """Whether both rank first what is claimed, gain something, and have sizes that overlap.
 
-    Sizes of two members of a class are not those of one thing, and say nothing.
+    Sizes of two different members of a class are not comparable, and are ignored.
     """
     if not all(half.leading in claimed and half.gain_nats > 0.0 for half in (first, other)):
         return False
@@ -59,7 +58,7 @@ def agree(first: Lead, other: Lead, claimed: Collection[str]) -> bool:
 
 
 def halves_of(model: Comparison) -> tuple[list[int], list[int]]:
-    """Every second log of many; of few, the first and the second half of each in time."""
+    """Every second log if there are many; else the first and second half of each log in time."""
     logs: dict[int, list[int]] = {}
     for episode in range(model.episodes):
         logs.setdefault(model.log_of(episode), []).append(episode)
@@ -69,7 +68,7 @@ def halves_of(model: Comparison) -> tuple[list[int], list[int]]:
             parts[k % 2].extend(episodes)
         return parts
     for k, episodes in enumerate(logs.values()):
-        middle = (len(episodes) + k % 2) // 2  # of an odd number, each half has more in turn
+        middle = (len(episodes) + k % 2) // 2  # the halves get an odd one in turn
         parts[0].extend(episodes[:middle])
         parts[1].extend(episodes[middle:])
     return parts
@@ -79,8 +78,8 @@ def halves_of(model: Comparison) -> tuple[list[int], list[int]]:
 class _Asked:
     """What each half is asked: about `found`, beside the `others` that were named.
 
-    `rivals` are of the whole search's ranking, `refused` what it turned down for more than chance.
-    `known` are the whole search's fits, from which those of a half begin.
+    `rivals` come from the whole search's ranking; `refused` gained more than chance but were turned
+    down. `known` are the whole search's fits, from which those of a half start.
     """
 
     model: Comparison
@@ -137,7 +136,7 @@ class _Asked:
         )
 
     def _ranked(self, base: Fit) -> list[Candidate]:
-        """What was found, its rivals and what is promising, by what they gain in a half."""
+        """What was found, its rivals and promising others, ranked by their gain in a half."""
         model, ground = self.model, Ground.of(base)
         wanted = (self.found, *self.rivals)
         names = [n for n in model.effects if n not in self.refused]
@@ -157,16 +156,16 @@ class _Asked:
         return fit(self.model, hypothesis, episodes, raced_fit.theta, slopes)
 
     def _start(self, name: str, seen: Fit) -> Fit:
-        """Where a first look came to, or where the whole search has it, if that is higher here."""
+        """Where a first look ended, or the whole search's point if that is higher here."""
         if name not in (self.found, *self.rivals) or name not in self.known:
             return seen
         theta = theta_from(self.model, seen.hypothesis, self.whole, self.known[name])
         return max(seen, _scored(self.model, seen, theta), key=height)
 
     def _leading(self, ranked: Sequence[Candidate]) -> Candidate:
-        """What was found or a member of its class, where the half does not tell it from the best.
+        """What was found, or a member of its class, if the half cannot tell it from the best one.
 
-        Nor does a best one count that is the same with more to it, and gains little more.
+        The best one does not count either if it is the same with more to it and gains little more.
         """
         best, by_name = ranked[0], {c.name: c for c in ranked}
         for name in (self.found, *self.claimed):
@@ -185,7 +184,7 @@ class _Asked:
 
 
 def _round_of(rounds: Sequence[Round], found: str) -> Round:
-    """The round that chose an effect; of one that was found by a pair, the first that ranked it."""
+    """The round that chose an effect; for one found in a pair, the first that ranked it."""
     chosen = [r for r in rounds if r.chosen == found]
     ranked = [r for r in rounds if any(c.name == found for c in r.ranking)]
     return (chosen or ranked)[0]

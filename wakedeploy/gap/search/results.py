@@ -1,4 +1,4 @@
-"""What a search found, as the steps tell it: where, which, and how much smaller the gap is.
+"""What a search found, as the steps write it: where, which, and how much smaller the gap is.
 
 In: a `Comparison`, its fits, and what was named. Out: the artefacts of `find`, `name` and `show`.
 """
@@ -59,7 +59,7 @@ def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
 
 
 def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None) -> Answer:
-    """Which effects, and how large they are; `again` is what each half of the logs says."""
+    """Which effects are missing, and how large; `again` is what each half of the logs says."""
     model = outcome.model
     sizes = _sizes(model, outcome.found, outcome.rounds)
     return Answer(
@@ -91,7 +91,7 @@ def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None
 
 
 def _stated(found: Fit) -> dict[str, float]:
-    """What the system states of the constants that were fitted, by name."""
+    """The constants that were fitted, as the system states them, by name."""
     return {f.quantity: f.neutral for f in found.free if f.name.startswith("constant.")}
 
 
@@ -105,8 +105,8 @@ def before_after(
 ) -> BeforeAfter:
     """The gap on sealed episodes, and what the page shows beside it.
 
-    `forecast_s` is how far ahead errors are of, where they are errors of forecasts. Of an answer
-    far ahead, `near` is the system that predicts the next reading: the gap before is the smaller.
+    `forecast_s` is how far ahead forecasts reach, if errors are of forecasts. For an answer far
+    ahead, `near` is the system that predicts the next reading: the smaller gap before counts.
     """
     sealed = model.sealed()
     was = unseen(model, base)
@@ -145,9 +145,9 @@ def _sealed_gain(model: Comparison, base: Fit, found: Fit) -> float:
 
 
 def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
-    """The best wrong effect in place of the right ones, of those that nothing confuses with them.
+    """The best wrong effect in place of the right ones, if nothing confuses it with them.
 
-    Of the first ranking, without what was found and without the members of any round's class.
+    It is the first of the first ranking that was not found and is in no round's class.
     """
     claimed = {*outcome.found.hypothesis, *(n for r in outcome.rounds for n in r.rivals)}
     wrong = next((c for c in outcome.alone if c.name not in claimed), None)
@@ -156,7 +156,7 @@ def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
     instead = wrong.fit
     is_of_part = searched_on(model) is not model
     if is_of_part or instead.names != tuple(f.name for f in model.free(instead.hypothesis)):
-        start = theta_from(model, instead.hypothesis, instead)  # or it was asked for near readings
+        start = theta_from(model, instead.hypothesis, instead)  # or it was for the next reading
         instead = fit(model, instead.hypothesis, outcome.base.episodes, start)
     before, after = (errors(model, f, model.sealed()) for f in (outcome.base, instead))
     gain = _sealed_gain(model, outcome.base, instead)
@@ -164,7 +164,7 @@ def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
 
 
 def _sizes(model: Comparison, found: Fit, rounds: Sequence[Round]) -> Sizes:
-    """Of what was found; wider where the innovations are not white."""
+    """The sizes of what was found; their intervals are wider where innovations are not white."""
     plain = least_squares(model, found)
     sizes = parameters(model, found, found.hypothesis, plain)
     if plain is None:
@@ -189,7 +189,7 @@ def _constants(fitted: Fit) -> Sizes:
 
 
 def _moved(fitted: Fit) -> dict[str, float]:
-    """Constants far from where they were stated, in spreads; as by a unit that is another one."""
+    """Constants far from their stated value, in spreads, as a wrong unit makes them."""
     far = {f.quantity: (v - f.neutral) / f.prior_sd
            for f, v in zip(fitted.free, fitted.theta, strict=True) if f.quantity}  # fmt: skip
     return {name: float(spreads) for name, spreads in far.items() if abs(spreads) > RULES.bent_sd}

@@ -1,9 +1,9 @@
 """Which effects explain what a named one explains: rivals, told apart by evidence or by forecasts.
 
 In: candidates with what each gains on every block, and the squared errors of their forecasts. Out:
-the class that an answer has to name. A rival need not improve forecasts by so much that it would
-be named itself, nor gain more than chance: what counts is whether the recordings tell it from the
-one that would be.
+the class that an answer has to name. A rival need neither improve forecasts enough to be named
+itself nor gain more than chance: what counts is whether the recordings tell it from the one
+that would be named.
 """
 
 from collections.abc import Sequence
@@ -35,8 +35,8 @@ class Verdict:
 def rivals_with(best: Candidate, other: Candidate) -> bool:
     """Whether blocks do not agree that the best gains more than another.
 
-    What their priors say of the parameters that each needs, of bent constants above all, counts as
-    well, and is sure.
+    What priors say of the parameters that each needs, mostly of bent constants, counts as well, and
+    has no spread.
     """
     apart, count = best.gains - other.gains, len(best.gains)
     reach = 0.0
@@ -50,7 +50,7 @@ def rivals_with(best: Candidate, other: Candidate) -> bool:
 
 
 def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
-    """Of candidates that blocks do not tell apart, those that forecasts do not either.
+    """The candidates that forecasts cannot tell apart either, of those that blocks cannot.
 
     Stretches are compared in pairs with those of the one that forecasts best.
     """
@@ -65,7 +65,7 @@ def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
 
 
 def is_absent(fitted: Fit, name: str) -> bool:
-    """Whether every size of an effect is the value without effect, to the last digit."""
+    """Whether every size of an effect is exactly the value without effect."""
     return all(fitted.value(f.name) == f.neutral for f in sizes_of(fitted, name))
 
 
@@ -80,7 +80,7 @@ def is_nothing(fitted: Fit, name: str) -> bool:
 
 
 def sizes_of(fitted: Fit, name: str) -> list[Free]:
-    """The parameters that are 0 without the effect; all of one that has none."""
+    """The parameters that are 0 without the effect; all parameters if none is."""
     parameters = own_parameters(fitted.free, name)
     return [f for f in parameters if f.neutral == 0.0] or parameters
 

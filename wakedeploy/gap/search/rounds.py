@@ -1,10 +1,10 @@
-"""One round of a search: every effect judged on top of what was found, and the one to name.
+"""One round of a search: every effect is judged on top of what was found, and one is named.
 
-In: an outcome. Out: the outcome with one more effect, or a pair of them; None where there is none.
+In: an outcome. Out: the outcome with one more effect, or a pair of them; None without one.
 
 An effect is evident if it gains more than chance on blocks that it was not fitted to, or less if it
-does so steadily (`needed_gain.py`), and in more than one of them. It matters if forecasts of the
-blocks get better by it, each with parameters that other blocks prefer. One that does not matter
+does so steadily (`needed_gain.py`), and in more than one block. It matters if it makes forecasts of
+the blocks better, each with parameters that other blocks prefer. An effect that does not matter
 does not end the search: the next one is tried, and a pair with it.
 """
 
@@ -56,7 +56,7 @@ _TRIED = 6  # candidates of a round whose forecasts are looked at
 def with_one_more(
     model: Comparison, outcome: Named, progress: Progress, anew: Mapping[str, Fit] = NOTHING
 ) -> Named | None:
-    """What was named with one more effect, or a pair; None where there is none."""
+    """What was named with one more effect, or a pair; None without one."""
     found = outcome.found
     verdicts = _judged_round(model, outcome, found, progress, anew)
     if not outcome.alone:
@@ -65,7 +65,7 @@ def with_one_more(
     further = _twins(model, outcome, verdicts, progress)
     if further is not None:
         return further
-    if leader is not None:  # what is simpler comes first, and the leader where that is turned down
+    if leader is not None:  # the simpler effect first, then the leader if that is turned down
         plainer = _plainer(model, found, leader, verdicts)
         further = _with(model, outcome, _best(model, plainer, verdicts))
         if further is None and plainer is not leader:
@@ -84,7 +84,7 @@ def _judged_round(
     progress: Progress,
     anew: Mapping[str, Fit] = NOTHING,
 ) -> list[Verdict]:
-    """Every candidate on top of a fit, best first, judged; written into the rounds."""
+    """Judge every candidate on top of a fit, best first, and append the round."""
     excluded = {*found.hypothesis, *outcome.withdrawn}
     untried = [n for n in model.effects if n not in excluded]
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
@@ -119,15 +119,15 @@ def _judged(
     """Why a candidate is not named, or "accepted"; it has to gain what is `needed` [nats].
 
     `begun` and `before` are squared errors of the base and of what was found. A further effect has
-    to matter to the base's: no form is exact, and beside what closed nearly all of a gap every
-    trifle is a large share of the rest. A finer law of a friction that was found has to matter more
-    than that; where it does not, whether forecasts get better by it is chance and says nothing.
+    to matter as a share of the base's errors: no form is exact, and once nearly all of a gap is
+    closed, every trifle is a large share of the rest. A finer law of a friction that was found has
+    to matter more than that; if it does not, whether it improves forecasts is chance.
     """
     known = effect.fit.hypothesis[:-1]
     if effect.gain_nats <= needed:
         return Verdict(effect, CHANCE)
     if is_absent(effect.fit, effect.name):
-        return Verdict(effect, NO_SIZE)  # it gains what the fit before it had left to rise
+        return Verdict(effect, NO_SIZE)  # its gain is what the fit before it had left to rise
     squares = crossed(model, effect.fit)
     weight = weight_of(before, squares)
     gained = share_of_gap(begun, before, squares)
@@ -143,17 +143,17 @@ def _judged(
 
 
 def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
-    """Whether forecasts get better by an effect; beside others, surely.
+    """Whether an effect makes forecasts better; beside others, surely better.
 
-    Each further name is one more chance of a wrong one, and without it there is an answer already.
+    Each further name may be wrong, and without it there is an answer already.
     """
     return weight.matters and (weight.low > 0.0 or not known)
 
 
 def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """A leader and all that rival it: those that are accepted first, of these the simplest."""
+    """A leader and its rivals, the accepted ones first, of these the simplest first."""
     alike = _alike(model, leader, verdicts)
-    if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
+    if not any(v.why == ACCEPTED for v in alike):  # no effect with better forecasts is evident
         return [leader]
     return sorted(
         alike, key=lambda v: (v.why != ACCEPTED, len(sizes_of(v.candidate.fit, v.candidate.name)))
@@ -161,7 +161,7 @@ def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> li
 
 
 def _alike(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """A leader and what the recordings do not tell from it; none that only elaborates another."""
+    """A leader and the effects that recordings cannot tell from it, without mere elaborations."""
     alike = undecided(model, [leader, *_rivals(model, leader, verdicts)])
     names = [v.candidate.name for v in alike]
     return [
@@ -174,7 +174,7 @@ def _alike(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> l
 def _plainer(
     model: Comparison, found: Fit, leader: Verdict, verdicts: Sequence[Verdict]
 ) -> Verdict:
-    """What is simpler than a candidate and gains as much, where forecasts get better by it."""
+    """A simpler effect that gains as much and improves forecasts; else the leader."""
     plainer = simpler(model, found, leader.candidate, [v.candidate for v in verdicts])
     if plainer is leader.candidate:
         return leader
@@ -185,7 +185,7 @@ def _plainer(
 
 
 def _rivals(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """Those of the fitted that blocks do not tell from a leader; none that only elaborates it."""
+    """The fitted effects that blocks cannot tell from a leader, without elaborations of it."""
     leading = leader.candidate.name
     return [
         v
@@ -199,9 +199,9 @@ def _rivals(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> 
 def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named | None:
     """One more effect: the first that is accepted and still something once all else has followed.
 
-    Its class are those after it. Beside an open class only an effect without rivals is named, or
-    one whose rivals are of that class: the class is then what is left of it. Beside a name, one
-    with more rivals than a class may have would make an answer unknown that has a name.
+    The ones after it are its class. Beside an open class an effect is named only if it has no
+    rivals, or if its rivals are of that class, which then shrinks to them. Beside a name, an effect
+    with more rivals than a class may have is not named: it would turn that answer into an unknown.
     """
     searched = outcome.rounds[-1]
     for k, verdict in enumerate(best):
@@ -228,7 +228,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
 
 
 def _is_something(effect: Candidate, searched: Round) -> bool:
-    """Whether a gain is more than one block's, and the effect's size or its blocks exclude none."""
+    """Whether more than one block gains, and size, gain or blocks exclude that nothing is there."""
     needed = needed_nats(effect, chance_of(searched), len(searched.ranking))
     return is_shared(effect, needed) and (
         not is_nothing(effect.fit, effect.name)
@@ -240,10 +240,10 @@ def _is_something(effect: Candidate, searched: Round) -> bool:
 def _twins(
     model: Comparison, outcome: Named, verdicts: Sequence[Verdict], progress: Progress
 ) -> Named | None:
-    """One kind at ports alike, if it gains at each of them, and no single effect explains as much.
+    """One kind at ports alike, if it gains at each of them and no single effect explains as much.
 
-    Where another kind at the same ports is not told from it, the ports are asked one by one. Beside
-    an open class no more is named at once.
+    If recordings cannot tell another kind at these ports from it, the ports are asked one by one.
+    Beside an open class no twins are named.
     """
     if outcome.rivals:
         return None
@@ -276,9 +276,9 @@ def _twins(
 def _one_by_one(
     model: Comparison, outcome: Named, both: Twins, verdicts: Sequence[Verdict], progress: Progress
 ) -> Named | None:
-    """The first of twins and another of them beside it, each with its rivals.
+    """The first of the twins and another of them beside it, each with its rivals.
 
-    None where the first is named alone: the others follow it.
+    None if the first is named alone: the others follow in later rounds.
     """
     if both.first.why == ACCEPTED:
         return None
@@ -297,9 +297,9 @@ def _pair(
     progress: Progress,
     among: Sequence[str] | None = None,
 ) -> Named | None:
-    """An evident effect that changes no forecast alone, and one that does beside it.
+    """An evident effect that alone improves no forecast, and one that does beside it.
 
-    The latter is one of those `among` which it is sought, if that is given.
+    The second is one of `among`, if that is given.
     """
     beside, still = settled(model, first.candidate.fit)
     verdicts = _judged_round(model, outcome, beside, progress)
@@ -348,7 +348,7 @@ def _entry(model: Comparison, verdict: Verdict, needed: float, base: Fit) -> Ran
 def _with_chosen(
     model: Comparison, searched: Round, better: Fit, names: Sequence[str], members: Sequence[str]
 ) -> Round:
-    """A round with what was chosen in it: effects, a class that the first is of, and their fit."""
+    """A round with its choice: effects, the class of the first one, and their fit."""
     return searched.model_copy(
         update={
             "chosen": names[0],

@@ -1,7 +1,7 @@
-"""Which effect a system lacks: all candidates looked at around the base, the best ones climbed.
+"""Which effect a system lacks: all candidates are looked at around the base, the best are climbed.
 
-In: a `Comparison` and a fit of what is known. Out: candidates ranked by what they gain on episodes
-that they were not fitted to, and the gain that chance alone would bring.
+In: a `Comparison` and a fit of what is known. Out: candidates ranked by their gain on episodes that
+they were not fitted to, and the gain that chance alone would bring.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,14 +20,14 @@ from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.needed_gain import Chance
 
 CLIMBED = 6  # candidates that are raced
-_CLIMB_LOOKS = 10  # looks that take about as long as one climb to the end
-_ALIKE, _MOST_ALIKE = 0.6, 4  # cosine of look-alikes, and how many are climbed to the end
-_BOTH_LATE = 0.3  # the same where both make something late: bent constants hide how alike they are
+_CLIMB_LOOKS = 10  # about as many looks as take the time of one climb to the end
+_ALIKE, _MOST_ALIKE = 0.6, 4  # cosine of look-alikes; how many of them are climbed to the end
+_BOTH_LATE = 0.3  # the same if both make something late: bent constants hide how alike they are
 DRAWS = 200  # of what chance would bring
 _AT_ONCE = 25
-WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
-_LOUDEST = 6.0  # sd of an innovation that counts in full
-_TURNED = 50  # samples of a block whose sign chance turns, at least
+WORTH = 0.1  # share of the best prospect that a candidate needs to be fitted
+_LOUDEST = 6.0  # sd of the largest innovation that counts in full
+_TURNED = 50  # the fewest samples of a block whose sign chance turns
 NOTHING: Mapping[str, Fit] = {}
 
 
@@ -40,7 +40,7 @@ def ranked(
 ) -> tuple[list[Candidate], Chance]:
     """Candidates on top of `base`, best first, and the gains that chance brings.
 
-    `known` are fits of some that began elsewhere.
+    `known` are fits of some candidates that began elsewhere.
     """
     ground, total = Ground.of(base), len(names) + _CLIMB_LOOKS * CLIMBED
     seen_all = looks(model, ground, names, lambda done, _: steps(done, total))
@@ -70,10 +70,10 @@ def ranked(
 
 
 def _highest(model: Comparison, base: Fit, fitted: Fit) -> Fit:
-    """The highest of an effect's summits, where each of its sizes may have one.
+    """The highest of an effect's summits, if each of its sizes may have one.
 
-    How high they are shows once noise has shrunk to what a size leaves: with the base's, the right
-    period of a hold explains no more than a wrong one. So they race each other.
+    A summit shows its height once noise has shrunk to what its size leaves: with the base's noise,
+    the right period of a hold explains no more than a wrong one. So they race each other.
     """
     starts = []
     for free in _parameters_of_last(fitted):
@@ -94,12 +94,12 @@ def _lookalikes(
     fitted: Mapping[str, Fit],
     ends: Mapping[str, Fit],
 ) -> dict[str, Fit]:
-    """Those that change the outputs as the leader does, to the end, too: each may be the truth.
+    """Candidates that change the outputs as the leader does, climbed to the end: each may be true.
 
-    What one promises at nothing, and where a race leaves it, says little of its summit where
-    constants have bent to what is missing. One that is late as the leader is begins as late, or
-    twice as late, as a lag of second order is by its time. At the leader's port it is asked in any
-    case: at first a delay changes just what its input's clock does, and so promises nothing.
+    Where constants have bent to what is missing, a candidate's promise at 0, and where a race
+    leaves it, say little of its summit. One that is late as the leader is starts as late, or twice
+    as late, as a second-order lag is by its time. At the leader's port a candidate is always asked:
+    at first a delay changes just what its input's clock does, and so promises nothing.
     """
     if not ends:
         return {}
@@ -142,7 +142,7 @@ def _at(fitted: Fit, late_s: float) -> FloatArray:
 
 
 def _likeness(ground: Ground, look: Look, other: Look) -> float:
-    """The largest cosine between what two candidates change, beyond what known directions do."""
+    """The largest cosine between what two candidates change beyond the known directions."""
     mine, theirs = ([_basis(columns, ground) for columns in seen.columns] for seen in (look, other))
     return max(
         float(np.linalg.norm(a.T @ b, 2)) if a.size and b.size else 0.0
@@ -154,12 +154,12 @@ def _likeness(ground: Ground, look: Look, other: Look) -> float:
 def chance_nats(
     ground: Ground, candidates: Sequence[Look], leader: Fit, seed: int = 0, by_block: bool = False
 ) -> Chance:
-    """The best gain of any candidate that innovations of noise alone would bring, in 19 of 20.
+    """The best gain of any candidate that noise alone stays below in 19 of 20 cases.
 
-    Noise is drawn anew around the base, with form and constants wrong by what their priors allow.
-    Beside it signs of whole blocks of innovations are turned, which keeps what colours them: those
-    of the best candidate, as what it explains is no noise where it is the truth. Where a
-    disturbance may colour a whole episode, `by_block` turns it as one.
+    Noise is drawn anew around the base, with form and constants as wrong as their priors allow.
+    Also, whole blocks of innovations change sign, which keeps what colours them. These are the best
+    candidate's innovations: if it is the truth, what it explains is no noise. If a disturbance may
+    colour a whole episode, `by_block` turns the episode as one.
     """
     rng = np.random.default_rng(seed)
     bases = [_basis(columns, ground) for seen in candidates for columns in seen.columns]
@@ -189,8 +189,8 @@ def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:
 def _turned(leader: Fit, rng: np.random.Generator, by_block: bool) -> FloatArray:
     """A fit's own whitened innovations, pieces of them with signs turned, (2n, draws).
 
-    One event in a log, such as a blow, must not decide what chance brings to all of it: what an
-    effect gains by it alone counts for nothing anyway, as no other block bears it out.
+    One event in a log, such as a blow, must not decide what chance brings to all of it: a gain from
+    one event alone counts for nothing anyway, as no other block bears it out.
     """
     parts = []
     for score in leader.slopes.scores:
@@ -206,7 +206,7 @@ def _turned(leader: Fit, rng: np.random.Generator, by_block: bool) -> FloatArray
 
 
 def _basis(columns: FloatArray, ground: Ground) -> FloatArray:
-    """Orthonormal directions (2n, k) of what known ones leave of a candidate's columns."""
+    """Orthonormal directions (2n, k) of a candidate's columns beyond the known directions."""
     residual = ground.residual(columns)
     norm = np.linalg.norm(residual, axis=0)
     there = norm > 1e-8 * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
@@ -229,9 +229,9 @@ def refines(model: Comparison, name: str, other: str) -> bool:
 def simpler(
     model: Comparison, base: Fit, best: Candidate, others: Sequence[Candidate] = ()
 ) -> Candidate:
-    """A simpler kind at the same port, if it gains nearly as much.
+    """A simpler kind at the same port, if it gains nearly as much; else the best.
 
-    It is one of the others, or fitted from the best one's point.
+    It is one of `others`, or is fitted from the best one's point.
     """
     known = {other.name: other for other in others}
     least = RULES.simpler_share * best.gain_nats

@@ -1,9 +1,8 @@
 """How small an effect may be where the likelihood is no parabola around it.
 
-In: a fit whose curvature says that the size of an effect may be nothing, although the effect gains
-on every block. Out: the same fit, with the end of the interval that is nearest to nothing found by
-fitting everything else at smaller sizes (a profile likelihood: Murphy and van der Vaart, J. Am.
-Stat. Assoc. 95, 2000).
+In: a fit whose curvature says that an effect's size may be 0, although the effect gains on every
+block. Out: the same fit, with the interval's end nearest to 0 found by fitting everything else at
+smaller sizes (a profile likelihood: Murphy and van der Vaart, J. Am. Stat. Assoc. 95, 2000).
 """
 
 from dataclasses import replace
@@ -17,11 +16,11 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import climbed
 from wakedeploy.gap.search.comparison import Comparison
 
-_SHARES = (0.5, 0.25, 0.1, 0.03)  # of the estimate, at which all else is fitted again
+_SHARES = (0.5, 0.25, 0.1, 0.03)  # of the estimate: sizes at which all else is fitted again
 
 
 def profiled(model: Comparison, found: Fit, name: str) -> Fit:
-    """A fit with intervals of an effect's sizes that hold nothing only if the blocks allow it."""
+    """A fit whose intervals of an effect's sizes hold 0 only if the blocks allow it."""
     ends = dict(found.profiled)
     for i, free in enumerate(found.free):
         is_size = free.name.startswith(f"{name}.") and free.neutral == 0.0
@@ -35,7 +34,7 @@ def profiled(model: Comparison, found: Fit, name: str) -> Fit:
 
 
 def _is_excluded(model: Comparison, found: Fit, i: int, share: float) -> bool:
-    """Whether the blocks, as a whole and by their spread, speak against a share of a size."""
+    """Whether the blocks, by their sum and their spread, speak against a share of a size."""
     value = share * float(found.theta[i])
     free, theta = list(found.free), found.theta.copy()
     free[i], theta[i] = replace(free[i], low=value, high=value), value
@@ -48,10 +47,10 @@ def _is_excluded(model: Comparison, found: Fit, i: int, share: float) -> bool:
 
 
 def is_steady(gains: FloatArray) -> bool:
-    """Whether the blocks agree that something is gained, some of them much more than others (E,).
+    """Whether the blocks (E,) agree that something is gained, even if some gain much more.
 
-    Where an effect acts in a few blocks above all, as drag does where it is fast, their mean is
-    uncertain and their sign is not (signed ranks: Wilcoxon, Biometrics Bulletin 1, 1945).
+    If an effect acts mostly in a few blocks, as drag does at speed, the blocks' mean is uncertain
+    but their sign is not (signed ranks: Wilcoxon, Biometrics Bulletin 1, 1945).
     """
     if not np.any(gains):
         return False

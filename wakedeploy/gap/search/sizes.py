@@ -17,8 +17,8 @@ def parameters(
 ) -> Sizes:
     """Value, 90 % interval and unit of the effects' parameters, by `<effect>.<parameter>`.
 
-    A delay has what its input's clock took of it: within half a sample a fit may give a part of
-    either to the other.
+    A delay includes what its input's clock took of it: within half a sample a fit may give a part
+    of either to the other.
 
     Where the innovations are not white, the likelihood is not quite that of these data, and an
     `unweighted` fit by least squares differs from it (Hausman, Econometrica 46, 1978). The
@@ -46,9 +46,9 @@ def parameters(
 
 
 def least_squares(model: Model, found: Fit) -> Fit | None:
-    """The least-squares fit of what was found, for a model that offers one and needs it.
+    """The least-squares fit of what was found, if the model offers and needs one; else None.
 
-    It needs one where its noise is its own guess and the innovations are not white.
+    It needs one if it guesses its own noise and the innovations are not white.
     """
     unweighted: Callable[[], Model] | None = getattr(model, "unweighted", None)
     if unweighted is None or not found.hypothesis or whiteness(found).passes():
@@ -61,8 +61,8 @@ def least_squares(model: Model, found: Fit) -> Fit | None:
 def over_rounds(name: str, size: Size, rounds: Sequence[Round]) -> Size:
     """An interval that also holds what was said when the effect was accepted.
 
-    What stands beside an effect moves its parameters by more than their intervals where none of
-    the hypotheses makes the innovations white.
+    If no hypothesis makes the innovations white, the effects beside an effect move its parameters
+    by more than their intervals.
     """
     sizes = [size, *(r.accepted[name] for r in rounds if name in r.accepted)]
     ends = {"low": min(s.low for s in sizes), "high": max(s.high for s in sizes)}
@@ -70,7 +70,7 @@ def over_rounds(name: str, size: Size, rounds: Sequence[Round]) -> Size:
 
 
 def _later(size: Size, by_s: float) -> Size:
-    """A delay and all its ends later by this [s], and none below zero."""
+    """A delay and both its ends later by `by_s` [s], none below 0."""
     if by_s == 0.0:
         return size
     names = ("value", "low", "high", "mean_low", "mean_high", "least_squares")
@@ -80,9 +80,9 @@ def _later(size: Size, by_s: float) -> Size:
 
 
 def _between_episodes(fitted: Fit, i: int) -> tuple[float, float]:
-    """Where nine in ten episodes would put parameter `i`, the others held.
+    """Where nine in ten episodes would put parameter `i`, with the others held.
 
-    One Newton step in each episode, weighted by what the episode tells about the parameter.
+    This is one Newton step in each episode, weighted by the episode's information on the parameter.
     """
     slope = fitted.slopes.gradient()[:, i]
     information = fitted.slopes.fisher()[:, i, i]

@@ -1,8 +1,8 @@
-"""Where the fit of a system begins if nobody has measured some of its constants.
+"""Where the fit of a system starts if nobody has measured some of its constants.
 
 In: a `Comparison` and episodes. Out: a start. A constant of unlimited spread says nothing about its
-size, and a climb from far away ends on the nearest summit; so the decade to both sides of the
-stated values is tried first, all points in one run, and the best of them race.
+size, and a climb from far away ends on the nearest summit; so points within a decade of the
+stated values are tried first, all in one run, and the best of them race.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,11 @@ from wakedeploy.gap.search.comparison import Comparison
 
 _TRIED, _RACED = 32, 3  # points, and how many of them are climbed
 _DECADES = 1.0
-_EVERY = 3  # of the episodes, one is enough to choose points by
+_EVERY = 3  # one episode in three is enough to choose points by
 
 
 def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
-    """Parameters (p,) of the system without effects to climb from."""
+    """Parameters (p,) from which to climb, of the system without effects."""
     free = model.free(())
     start, points = neutral(free), points_around(model, ())
     if len(points) == 0:
@@ -47,7 +47,7 @@ def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
 
 
 def points_around(model: Comparison, hypothesis: tuple[str, ...]) -> FloatArray:
-    """Neutral values, and the decade of constants that nobody has measured, (K, p); else (0, p)."""
+    """Points (K, p) with unmeasured constants around their values; (0, p) if all are measured."""
     free = model.free(hypothesis)
     unknown = [i for i, f in enumerate(free) if _is_unmeasured(f)]
     if not unknown:
@@ -60,7 +60,7 @@ def _is_unmeasured(free: Free) -> bool:
 
 
 def _around(start: FloatArray, free: Sequence[Free], unknown: Sequence[int]) -> FloatArray:
-    """The start and points within a decade of it, evenly spread, (K, p)."""
+    """The start, and points evenly spread within a decade of it, (K, p)."""
     spread = qmc.Halton(len(unknown), seed=0).random(_TRIED)
     points = np.tile(start, (_TRIED + 1, 1))
     for column, i in enumerate(unknown):

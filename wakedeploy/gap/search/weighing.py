@@ -1,9 +1,9 @@
 """What an effect does to forecasts: the share of their squared error that it removes.
 
-In: a `Comparison`, fits without and with an effect. Out: the share with its interval. On the blocks
-of the fit each stretch is forecast with parameters that other blocks prefer (cross-fitting), so
-that these can decide; sealed blocks take no part in that, and report. A size that was scanned for
-stays as all blocks have it.
+In: a `Comparison`, fits without and with an effect. Out: the share with its interval. Each stretch
+of the fit's blocks is forecast with parameters that other blocks prefer (cross-fitting), so that
+these blocks can decide; sealed blocks take no part in that, and report. A size that was scanned
+for stays as all blocks have it.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from wakedeploy.gap.search.comparison import Comparison, errors
 
 _FOLDS = 4
 _ROUNDING = 1e-12  # of the largest channel's error
-_FARTHEST = 16.0  # square of a step in standard deviations that leaving blocks out may take
+_FARTHEST = 16.0  # square of the largest step [sd] that leaving blocks out may take
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,15 @@ class Weight:
 
     @property
     def matters(self) -> bool:
-        """Whether the forecast gets better by it, by four chances to one.
+        """Whether it makes the forecast better, by four chances to one.
 
-        What is asked is whether it is worth anything; that it is there, evidence has said.
+        This asks whether the effect is worth anything; that it is there, evidence has said.
         """
         return self.share >= RULES.least_share and self.share + self.low > 0.0
 
 
 def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> Weight:
-    """On blocks that neither fit has seen."""
+    """The weight on blocks that neither fit has seen."""
     was, now = (stretches(model, model.disagreements(f, episodes)) for f in (before, after))
     return weight_of(was, now)
 
@@ -49,8 +49,8 @@ def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int])
 def helps(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> bool:
     """Whether blocks that neither fit has seen bear an effect out.
 
-    They do where forecasts get better on average, also where none of them is cut short. Where the
-    forecasts are as good with it as without it, the likelihood of all their samples decides.
+    They do if forecasts get better on average, also with none of them cut short. If forecasts are
+    as good with the effect as without, the likelihood of all their samples decides.
     """
     weight, worse = weighed(model, before, after, episodes), _worse(model, before, after, episodes)
     if weight.share > 0.0 and worse < 0.0:
@@ -62,9 +62,9 @@ def helps(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -
 
 
 def _worse(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> float:
-    """By which share of itself a channel's squared error grows, on average; below 0 it falls."""
+    """The mean share by which a channel's squared error grows; negative where it falls."""
     was, now = (np.square(errors(model, fitted, episodes)) for fitted in (before, after))
-    # Not of a channel that nothing forecasts, or that is right but for rounding.
+    # Without channels that nothing forecasts, or that are right but for rounding.
     erring = was > _ROUNDING**2 * np.nanmax(was, initial=0.0)
     if not erring.any():
         return -1.0
@@ -73,7 +73,7 @@ def _worse(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) 
 
 
 def crossed(model: Comparison, fitted: Fit) -> FloatArray:
-    """Squared errors of stretches, (stretches, channels), with parameters that others prefer."""
+    """Squared errors (stretches, channels), each with parameters that the other blocks prefer."""
     count = len(fitted.episodes)
     folds = np.array_split(np.arange(count), min(_FOLDS, count))
     thetas = np.array([without(fitted, fold.tolist()) for fold in folds])
@@ -101,7 +101,7 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
     rest = fisher.sum(0) - fisher[places].sum(0) + np.diag(prior_precision(fitted.free))
     low, high = bounds_of(fitted.free)
     stuck = (fitted.theta <= low) | (fitted.theta >= high)  # at its bound one follows no episode
-    # Where a likelihood is jagged, its slope does not tell where other blocks would have a size.
+    # Where a likelihood is jagged, its slope does not show where other blocks would have a size.
     stuck |= np.array([bool(f.scanned) for f in fitted.free])
     low, high = (np.where(stuck, fitted.theta, end) for end in (low, high))
     top = top_within(fitted.theta, -gradient, rest, low, high)
@@ -111,9 +111,9 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
 
 
 def is_outdone(model: Comparison, fitted: Fit) -> bool:
-    """Whether forecasts of all blocks are no better than those that ask no model.
+    """Whether forecasts of all blocks are no better than those without a model.
 
-    What acts on a model that explains so little is no effect on the system.
+    What acts on a model that explains this little is no effect on the system.
     """
     held = model.held([*fitted.episodes, *model.sealed()])
     if not held:
@@ -134,9 +134,9 @@ def stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
 
 
 def weight_of(was: FloatArray, now: FloatArray) -> Weight:
-    """Of squared errors of stretches, (stretches, channels), without and with an effect.
+    """The share that an effect removes; `was` and `now` are squared errors (stretches, channels).
 
-    Those that run away count no more than some; see `_cap` for those that count in full.
+    A stretch that runs away counts for `_cap` at most.
     """
     if not np.all(np.isfinite(now)):
         return Weight(-1.0, -1.0, -1.0)
@@ -145,9 +145,9 @@ def weight_of(was: FloatArray, now: FloatArray) -> Weight:
 
 
 def share_of_gap(begun: FloatArray, before: FloatArray, after: FloatArray) -> float:
-    """By how much squared errors fall, of those that there were at first.
+    """The share of the first squared errors by which they fall from `before` to `after`.
 
-    All are counted as they are from first to last.
+    The cap is the same for all three: that from first to last.
     """
     was, last = _summed(begun, after)
     cap = _cap(was, last)
@@ -155,17 +155,17 @@ def share_of_gap(begun: FloatArray, before: FloatArray, after: FloatArray) -> fl
 
 
 def _summed(was: FloatArray, now: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Errors of stretches, channels added in shares of what each errs without the effect."""
+    """Errors of stretches: channels summed, each in shares of its error without the effect."""
     usual = was.sum(0)
     weights = 1.0 / np.where(usual > 0.0, usual, 1.0)
     return np.asarray(was @ weights), np.asarray(now @ weights)
 
 
 def _cap(was: FloatArray, now: FloatArray) -> float:
-    """For how much a stretch counts at most: from an unstable state all models run away.
+    """The most that a stretch counts: from an unstable state all models run away.
 
-    There is no limit where some err by far and all of these fall by half, while the others lose
-    little beside it: so errs what meets a floor now and then.
+    There is no limit if some stretches err by far and all of these fall by half, while the others
+    lose little: a system that meets a floor now and then errs like this.
     """
     cap = RULES.far_stretch * float(np.median(was)) or np.inf
     far = was > cap
@@ -176,7 +176,7 @@ def _cap(was: FloatArray, now: FloatArray) -> float:
 
 
 def _removed(was: FloatArray, now: FloatArray, cap: float) -> Weight:
-    """The share removed of errors (stretches,), none counting for more than a cap."""
+    """The share of errors (stretches,) that is removed; none counts for more than `cap`."""
     was, now = np.minimum(was, cap), np.minimum(now, cap)
     share = 1.0 - float(now.sum() / was.sum())
     count = len(was)

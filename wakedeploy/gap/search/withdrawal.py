@@ -1,7 +1,7 @@
-"""What is taken out of an answer again, once the search has ended.
+"""What is taken out of an answer once the search has ended.
 
-In: an outcome. Out: the same without effects that later ones have made superfluous, whose size may
-be nothing, or that sealed blocks do not bear out.
+In: an outcome. Out: the same without effects that later ones made superfluous, whose size may be
+0, or that sealed blocks do not bear out.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from wakedeploy.gap.search.weighing import helps
 
 
 def still_needed(model: Comparison, outcome: Named) -> Named:
-    """Without the effects that those found after them have made superfluous."""
+    """The outcome without effects that later ones made superfluous."""
     found = outcome.found
     if not outcome.rounds:
         return outcome
@@ -37,7 +37,7 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
 
 
 def with_sizes(model: Comparison, outcome: Named) -> Named:
-    """Without effects whose size may still be nothing, however closely it is looked at."""
+    """The outcome without effects whose size may still be 0, however closely it is looked at."""
     found = outcome.found
     for name in outcome.found.hypothesis:
         if is_nothing(found, name):
@@ -49,7 +49,7 @@ def with_sizes(model: Comparison, outcome: Named) -> Named:
 
 
 def borne_out(model: Comparison, outcome: Named) -> Named:
-    """Without effects that make forecasts of sealed episodes no better, the last named first."""
+    """The outcome without effects that do not improve forecasts of sealed episodes, last first."""
     found = outcome.found
     for name in reversed(outcome.found.hypothesis):
         without = _without(model, found, name) if len(found.hypothesis) > 1 else outcome.base
@@ -61,7 +61,7 @@ def borne_out(model: Comparison, outcome: Named) -> Named:
 
 
 def _without(model: Comparison, found: Fit, name: str) -> Fit:
-    """A fit of the others."""
+    """A fit without this effect."""
     rest = tuple(n for n in found.hypothesis if n != name)
     start = theta_from(model, rest, found)
     return settled(model, fit(model, rest, found.episodes, start))[0]

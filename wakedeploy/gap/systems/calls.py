@@ -23,7 +23,7 @@ def attempted(where: str, function: Callable[..., Returned], *given: Any) -> Ret
         return function(*given)
     except UnusableInput:
         raise
-    except Exception as error:  # whatever a user's function raises is told by its name
+    except Exception as error:  # whatever a user's function raises is reported with its name
         raise UnusableInput(f"{where}: {_cause(error)}") from error
 
 

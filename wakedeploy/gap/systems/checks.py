@@ -174,7 +174,7 @@ def _check_names(system: System) -> None:
 
 
 def _check_law(system: System, stated: Input) -> None:
-    """Of an input that is computed: what it is made of has the hold and the limits."""
+    """Refuse a hold or limits on a computed input: its sources have them."""
     if stated.law is None:
         return
     where = f"{system.name}: the law of input {stated.name!r}"
@@ -187,7 +187,7 @@ def _check_law(system: System, stated: Input) -> None:
 
 
 def _check_units(system: System) -> None:
-    """Of what is logged, moved and constant; "" is none, and of a constant what its name says."""
+    """Refuse an unknown unit; "" means none, or for a constant the unit that its name says."""
     stated = [("input", i.name, i.unit) for i in system.inputs]
     stated += [("output", o.name, o.unit) for o in system.outputs]
     stated += [("state", name, unit) for name, unit in system.states.items()]
@@ -230,7 +230,7 @@ def _check_ports(system: System) -> None:
 
 
 def _check_sizes(system: System, port: Port) -> None:
-    """Of the parameters and shapes of an effect of the user's own."""
+    """Refuse a name both parameter and shape, a custom effect without parameters, and bad sizes."""
     if both := sorted({*port.parameters} & {*port.shapes}):
         raise UnusableInput(
             f"{system.name}: the effect {port.name!r} has {both[0]!r} as a parameter and as a "

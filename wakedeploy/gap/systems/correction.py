@@ -1,7 +1,7 @@
 """What was found, as a small TOML file that a system loads: `MyRobot.corrected("correction.toml")`.
 
 In: a fit and its model. Out: constants as it has them, effects with their parameters, and the
-usual sizes from the log, by which smooth signs and shapes are told.
+usual sizes from the log, which smooth signs and shapes need.
 """
 
 from collections.abc import Mapping

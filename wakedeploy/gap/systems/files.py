@@ -50,14 +50,14 @@ def is_mjcf(path: Path) -> bool:
 def read_plain(path: Path, system: System) -> Recording:
     """A CSV file whose columns have the system's names, and a `time_s` that rises evenly.
 
-    Raises UnusableInput for a file that is not so; a `columns.toml` then says what it holds.
+    Raises UnusableInput for any other file; a `columns.toml` can say what that holds.
     """
     if path.is_dir():
         raise UnusableInput(f"{path} is a folder, not a CSV file; {_by_columns(path)}")
     try:
         with path.open(encoding="utf-8") as file:
             names = [n.strip().strip('"') for n in file.readline().split(",")]
-            with warnings.catch_warnings():  # of a file without rows, which is told below
+            with warnings.catch_warnings():  # about a file without rows, which is refused below
                 warnings.simplefilter("ignore")
                 table = np.genfromtxt(file, delimiter=",", ndmin=2)
     except OSError as error:

@@ -163,7 +163,7 @@ def step_notes(model: LogModel, base: Fit) -> list[str]:
 
 
 def _finer(model: LogModel, ratio: float) -> str:
-    """What to do about steps that are off by so many times the noise: errors fall with squares."""
+    """What to do about steps that are off by `ratio` times the noise: errors fall with squares."""
     wanted = model.system.steps * math.sqrt(2.0 * ratio)
     rows = model.logs[0].rows
     fitting = (k for k in range(2, MOST_STEPS + 1) if k % rows == 0 or rows % k == 0)
@@ -265,7 +265,7 @@ def _unitless(model: LogModel) -> list[str]:
 
 
 def _beginnings(model: LogModel) -> list[str]:
-    """States whose beginning nobody tells, and that are not at rest where they begin."""
+    """States whose beginning nothing shows, and that are not at rest where they begin."""
     rates = dict(zip(model.system.states, model.first_rates(), strict=True))
     return [
         f"state {name}: no output shows it, and `start` does not give it. It begins at 0, where it "

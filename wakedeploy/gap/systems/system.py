@@ -325,7 +325,7 @@ class System:
     def made_of(self) -> dict[str, tuple[str, ...]]:
         """The logged inputs that each input with a law depends on.
 
-        Numbers of many sizes tell: a law may be flat about 0, as one with a dead zone is.
+        Numbers of many sizes are tried: a law may be flat about 0, as one with a dead zone is.
         """
         points, others = self._points_of_laws(2), self._points_of_laws(3)
         found = {}

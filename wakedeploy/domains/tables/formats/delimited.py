@@ -215,7 +215,7 @@ class DelimitedLog:
         )
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        """Each row with the number of its line; the first one tells the delimiter."""
+        """Each row with the number of its line; the first one shows the delimiter."""
         try:
             with _opened(self.path, self._form.encoding) as file:
                 yield from self._parsed(self._from_header(self._text_lines(file)))

@@ -25,7 +25,7 @@ from wakedeploy.domains.tables.log import (
 
 _READER = Path(__file__).with_name("hdf5_process.py")
 _SLOWEST_S = 10  # for a small file
-_BYTES_PER_S = 2_000_000  # more for each so many
+_BYTES_PER_S = 2_000_000  # one second more for this many bytes
 
 
 def open_log(path: Path, csv: Delimited) -> "Hdf5Log":

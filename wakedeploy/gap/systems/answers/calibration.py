@@ -44,7 +44,7 @@ def constant_rows(answer: Answer) -> list[tuple[str, str, str]]:
 def constant_words(answer: Answer) -> list[str]:
     """The constants in lines; of many the first, those that moved before the others.
 
-    Where nothing was named, only those that the logs tell otherwise than as stated.
+    If nothing was named, only those that the logs want other than as stated.
     """
     rows = sorted(constant_rows(answer), key=lambda row: row[0] not in answer.moved)
     is_quiet = answer.verdict == "none" and not answer.moved
@@ -64,7 +64,7 @@ def constant_words(answer: Answer) -> list[str]:
 
 
 def told_otherwise(answer: Answer) -> list[str]:
-    """Constants whose stated value is far outside the interval that the logs tell, and no trifle.
+    """Constants whose stated value is far outside the interval that the logs give, and no trifle.
 
     That is no contradiction: a wide spread says that nobody knows them well.
     """

@@ -33,7 +33,7 @@ CORRECTION, PLAN = "correction.toml", "plan.json"
 
 
 class OwnFolder(Folder):
-    """The steps of a system and its logs; `exported` tells of further files that `add` wrote.
+    """The steps of a system and its logs; `exported` describes further files that `add` wrote.
 
     With `only`, `add` adds that effect in the place of a class.
     """
@@ -157,7 +157,7 @@ def _key(model: LogModel) -> str:
         digest.update(log.name.encode())
         digest.update(log.driving.tobytes() + log.outputs.tobytes())
     for episode in range(model.episodes):
-        for _, values in model.coordinates(episode).values():  # with what `start` tells
+        for _, values in model.coordinates(episode).values():  # with what `start` sets
             digest.update(np.ascontiguousarray(values).tobytes())
     for values in system.probed().values():
         digest.update(np.ascontiguousarray(values).tobytes())

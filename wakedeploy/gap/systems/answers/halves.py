@@ -30,7 +30,7 @@ def repeated_answer(answer: Answer) -> str:
 
 
 def _half(half: Half) -> str:
-    """`coulomb-friction@speed_mps (force from 1.1 to 1.3 N)`, and what it is not told from."""
+    """`coulomb-friction@speed_mps (force from 1.1 to 1.3 N)`, and what it cannot be told from."""
     middle = 0.5 * (half.low + half.high)
     size = Size(value=middle, low=half.low, high=half.high, unit=half.unit)
     name, told = as_read(half.leading, half.parameter, size)

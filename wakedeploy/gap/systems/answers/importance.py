@@ -11,7 +11,7 @@ from wakedeploy.gap.search.artefacts import Answer, Effect, Error, Forecast, Res
 from wakedeploy.gap.wording import UNKNOWN, listed, percent, quantity
 
 _MOST_NAMED = 3
-_NOTHING = 0.005  # of a share, that is told in whole percent
+_NOTHING = 0.005  # of a share, which is printed in whole percent
 
 OutputError = tuple[str, Error]
 
@@ -54,7 +54,7 @@ def removed_of(answer: Answer, effect: Effect) -> str:
 
 
 def by_output(result: Result) -> list[str]:
-    """Of each output, the error of forecasts before and after; of several, how much of it goes."""
+    """Each output's forecast error before and after; of several outputs, also its change."""
     if not result.effects:
         return [
             f"{name}: rms forecast error {quantity(error.before, error.unit)}"

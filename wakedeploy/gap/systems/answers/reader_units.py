@@ -1,7 +1,7 @@
 """Sizes in the words in which people think, where arithmetic needs their inverse.
 
 A limit to a rate is a `slowness` to the search, so that 0 is no limit; people think of the rate.
-In: a parameter and its size. Out: what it is called, and the size that is told.
+In: a parameter and its size. Out: what it is called, and the size as it is printed.
 """
 
 from collections.abc import Sequence

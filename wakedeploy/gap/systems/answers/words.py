@@ -225,7 +225,7 @@ def late_words(late: Mapping[str, float]) -> list[str]:
 
 
 def members(answer: Answer) -> tuple[str, str]:
-    """Of a class, the effect that the correction has, and the next that could stand there."""
+    """The member of a class that the correction has, and the next that could take its place."""
     named = {effect.name for effect in answer.effects}
     has = next((name for name in answer.rivals if name in named), answer.rivals[0])
     return has, next((name for name in answer.rivals if name != has), has)
@@ -309,7 +309,7 @@ def _signed(value: float) -> str:
 
 
 def _rejected(answer: Answer) -> list[str]:
-    """Of the last round, what was evident and yet not named, and why; and what was withdrawn."""
+    """What the last round found evident but did not name, and why; and what was withdrawn."""
     if not answer.rounds:
         return []
     judged = {

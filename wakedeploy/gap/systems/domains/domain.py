@@ -1,4 +1,4 @@
-"""What a domain of the gap workflow is: how it is opened, and what it tells beside its answer."""
+"""What a domain of the gap workflow is: how it is opened, and what it adds to its answer."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class GapDomain:
 
     `opened` makes the model of the recordings below a folder (None where `is_simulated`) and raises
     UnusableInput for recordings that are absent, damaged or too few. `further` has what the domain
-    alone tells, as fields of `Result`: other estimates, profiles, an audit of labels.
+    alone adds, as fields of `Result`: other estimates, profiles, an audit of labels.
     """
 
     opened: Callable[[Path | None], ResponseModel]
@@ -26,7 +26,7 @@ class GapDomain:
     is_simulated: bool = False
 
     def completed(self, model: ResponseModel, result: Result, progress: Progress) -> Result:
-        """A result with what the domain alone tells."""
+        """A result with what the domain alone adds."""
         return Result(**{**dict(result), **self.further(model, progress)})
 
 

@@ -110,7 +110,7 @@ def open_model(path: Path | None) -> DownwashModel:
 
 
 def further(model: DownwashModel, progress: Progress) -> dict[str, Any]:
-    """What had been hidden; told after everything else is settled."""
+    """What had been hidden; revealed after everything else is settled."""
     return {"hidden": dict(HIDDEN)}
 
 

@@ -1,8 +1,8 @@
 """What the gantry's steps leave behind, as types: find, name, add, show, result and plan.
 
-In: numbers of a search, or a file. Out: models that a step writes and the next one, the report and
-users read. A number that is none (null in JSON) is NaN here. Every file states the version of its
-form and the rules by which it was decided.
+In: numbers of a search, or a file. Out: models that a step writes and that the next step, the
+report and users read. A missing number (null in JSON) is NaN here. Every file states the version of
+its form and the rules by which it was decided.
 """
 
 import math
@@ -46,7 +46,7 @@ class Artefact(Part):
     rules: GantryRules = RULES
 
     def as_json(self) -> dict[str, Any]:
-        """As the file has it; what is not known is null."""
+        """The file's content; an unknown number is null."""
         content: dict[str, Any] = finite(self.model_dump(mode="json", by_alias=True))
         return content
 
@@ -54,7 +54,7 @@ class Artefact(Part):
 class Log(Part):
     """A recording: airborne seconds, range samples, what had to be assumed of it.
 
-    `seed` is of a simulated flight.
+    `seed` is that of a simulated flight.
     """
 
     path: str
@@ -93,8 +93,8 @@ class Replay(Part):
 class Find(Artefact):
     """find.json: where the rig file and its flights disagree.
 
-    `noise_floor` is what noise alone puts into a bin of a channel's maps, `least_residual` from
-    which size on a place of the channel counts.
+    `noise_floor` is what noise alone puts into a bin of a channel's maps; `least_residual` is the
+    size from which a place of the channel counts.
     """
 
     rig: str | None = None
@@ -114,8 +114,8 @@ class Find(Artefact):
 class Name(Artefact, Answer):
     """name.json: which effect explains it.
 
-    `together` are the sizes of all that was found, fitted as one; `threshold_of_s` the seconds of
-    flight that thresholds were simulated for; `seconds` how long the search took.
+    `together` are the sizes of all that was found, fitted as one. `threshold_of_s` is the time of
+    flight that thresholds were simulated for; `seconds` is how long the search took.
     """
 
     untried: list[str] = []
@@ -131,7 +131,7 @@ class Name(Artefact, Answer):
 
     @property
     def ranked(self) -> dict[str, Ranked]:
-        """Every effect that was ranked, as its last round has it."""
+        """Every effect that was ranked, as in its last round."""
         return {entry.name: entry for searched in self.rounds for entry in searched.ranking}
 
 
@@ -152,7 +152,7 @@ class Profile(PlainProfile):
 
 
 class SpectrumPair(Part):
-    """Of the rig file as it is, and with what was found."""
+    """The spectra with the rig file as it is, and with what was found."""
 
     before: Spectrum
     after: Spectrum
@@ -168,7 +168,7 @@ class Traces(Part):
 
 
 class Show(Artefact, Judged):
-    """show.json: the gap before and after; `sealed` is empty where flights shown were fitted."""
+    """show.json: the gap before and after; `sealed` is empty if the flights shown were fitted."""
 
     shown_on: list[str] = []
     sealed: list[str] = []
@@ -199,14 +199,14 @@ class Plan(Artefact, Splitting):
 
 
 class Result(Artefact, Told):
-    """result.json: all steps together, headed by a sentence; `where` as find.json has it."""
+    """result.json: all steps together, headed by a sentence; `where` is that of find.json."""
 
     where: list[Place] = []
     headline: str = ""
 
 
 class Summary(Told):
-    """All that the account of a folder looks at, whichever step has told it.
+    """All that the account of a folder looks at, whichever step wrote it.
 
     `white` is of what was found, `white_before` of the rig file as it is; `places` are None where
     nobody has looked.

@@ -1,12 +1,12 @@
 """How far the form of a gantry's model may be off: a smooth, small correction in every hypothesis.
 
-No model's jet has quite the rig's shape, and no friction curve its bend near rest. Without a term
-for that, whatever is named on top absorbs the model's own error (Kennedy and O'Hagan, J. R. Stat.
-Soc. B 63, 2001); with one that has no stated size, nothing can be named at all (Brynjarsdóttir and
-O'Hagan, Inverse Problems 30, 2014). The rig file states the size, `[discrepancy]`.
+No model's jet has quite the rig's shape, and no friction curve has its bend near rest. Without a
+term for that, whatever is named on top absorbs the model's own error (Kennedy and O'Hagan, J. R.
+Stat. Soc. B 63, 2001); with a term of no stated size, nothing can be named at all (Brynjarsdóttir
+and O'Hagan, Inverse Problems 30, 2014). The rig file states the size, `[discrepancy]`.
 
-In: a rig. Out: free parameters with their priors, and the factors and forces that they make, over
-the coordinates that the model itself uses: the lateral place in widths of the jet, the height, the
+In: a rig. Out: free parameters with their priors, and the factors and forces that they make. These
+are over the model's own coordinates: the lateral place in widths of the jet, the height, the
 vertical speed.
 """
 
@@ -32,13 +32,14 @@ _OVERLAP = 1.42  # sum of the squares of all bumps at any one place
 _ODD_SHARE = 0.7  # of an even bump's size: an axis that is off is an effect, a skew jet is not
 _FLOWN_WIDTHS = 3.0
 _FARTHEST = 3.8  # beyond it there is no air to correct
-# Of the force's share, by how much the air's speed may differ at the ends of the rail, linear and
-# curved: the force by twice as much. A round jet that is 4 % of the force away from a calibrated
-# model needs two of these sd. With a tenth, twice as much of its force is left, and how it fades is
-# found as an effect. A ground effect or a spring is told from it where there is no wake.
+# Of the force's share: how much the air's speed may differ at the ends of the rail, linear and
+# curved; the force differs by twice as much. A round jet that is 4 % of the force away from a
+# calibrated model needs two of these sd. With a tenth of this, twice as much of its force is left,
+# and how it fades is found as an effect. A ground effect or a spring shows without a wake, too.
 _HEIGHT_SHARE = 0.3
-# Of the force on the axis: what errs in any case beside the turbulence, as a weight. Between two
-# range samples that is most of it; a weight of the turbulence alone leaves half of a shift in.
+# Of the force on the axis: the error beside the turbulence that is always there, as a weight.
+# Between two range samples it is most of the error; a weight of the turbulence alone leaves half of
+# a shift.
 _UNREST = 1.0
 _BEND_MPS = (0.03, 0.1)
 _CORNER_MPS = 0.02
@@ -54,10 +55,10 @@ _FRICTION = (*_SPEED, *_ALONG)
 
 
 def free_terms(rig: Rig) -> tuple[Free, ...]:
-    """The correction's parameters, each N(0, sd²); none where the rig file states no size.
+    """The correction's parameters, each N(0, sd²); none if the rig file states no size.
 
     Together the bumps give the wake's force at any place the stated share of its size on the axis.
-    The air's speed counts twice in the force. What reference flights have shown is the centre.
+    The air's speed counts twice in the force. The centres are what reference flights have shown.
     """
     wake, friction = rig.discrepancy.wake, rig.discrepancy.friction
     bump = 0.5 * wake / _OVERLAP**0.5
@@ -75,17 +76,17 @@ def _free(name: str, size: float, sd: float) -> Free:
 
 
 def wake_factor(constants: Mapping[str, float], basis: FloatArray) -> FloatArray:
-    """What the air's speed is multiplied with (N,), of a `wake_basis` (K, N)."""
+    """The factor (N,) on the air's speed, from a `wake_basis` (K, N)."""
     sizes = [constants.get(name, 0.0) for name in _WAKE]
     return np.asarray(1.0 + np.array(sizes) @ basis)
 
 
 def wake_basis(places: FloatArray, heights: FloatArray) -> FloatArray:
-    """Every function of the wake's correction, over the speed that the model has there, (K, N).
+    """Every function of the wake's correction, over the model's speed at each place, (K, N).
 
     `places` (N,) are lateral, in widths of the jet; `heights` (N,) run from −1 to 1 along the rail.
-    A bump adds to the air a share of its speed on the axis, so that the edge of the jet, where the
-    model has next to nothing, may have something.
+    A bump adds a share of the air's speed on the axis, so that the edge of the jet, where the model
+    has next to nothing, may have something.
     """
     at = np.clip(places, -_FARTHEST, _FARTHEST)
     to_axis = np.exp(0.5 * at**2)
@@ -103,7 +104,7 @@ def _even(at: FloatArray, centre: float) -> FloatArray:
 
 
 def _odd(at: FloatArray, centre: float) -> FloatArray:
-    """One flank up, the other down, without what a shift of the jet's axis does."""
+    """One flank up, the other down, without the part that shifts the jet's axis."""
     return _bump(at, centre) - _bump(at, -centre) - _shift_in(centre) * at * np.exp(-0.5 * at**2)
 
 
@@ -111,8 +112,8 @@ def _odd(at: FloatArray, centre: float) -> FloatArray:
 def _shift_in(centre: float) -> float:
     """How much of a shifted axis an odd pair of bumps holds, weighed as flights weigh it.
 
-    That is by what it does to the force, over the force's unrest: turbulence grows with the force.
-    A shift would otherwise be explained by the form, and crosswind could never be named.
+    The weight is its part in the force over the force's unrest: turbulence grows with the force.
+    Without this the form would explain a shift, and crosswind could never be named.
     """
     at = np.linspace(-_FLOWN_WIDTHS, _FLOWN_WIDTHS, 601)
     shift = at * np.exp(-0.5 * at**2)
@@ -140,7 +141,7 @@ def friction_basis(vz_mps: FloatArray, heights: FloatArray) -> FloatArray:
 def places_of(
     constants: Mapping[str, float], source_height_m: float, x_m: FloatArray, z_m: FloatArray
 ) -> FloatArray:
-    """Lateral places (N,) in widths that the jet has at these heights."""
+    """Lateral places (N,) in widths of the jet at these heights."""
     below = np.maximum(source_height_m - z_m, 0.1)
     age_s = below / constants["wake.speed_mps"]
     width2 = constants["wake.width_m"] ** 2 + 2.0 * constants["wake.diffusivity_m2ps"] * age_s
@@ -154,7 +155,7 @@ def heights_of(travel_m: float, z_m: FloatArray) -> FloatArray:
 
 @dataclass(eq=False)
 class FormedWorld:
-    """A simulated gantry's wake and friction with a correction drawn or fitted: its two hooks.
+    """A simulated gantry's wake and friction with a drawn or fitted correction, as its two hooks.
 
     `sizes` are the correction's parameters. The wake is the closed form's, puff by puff.
     """
@@ -185,13 +186,13 @@ class FormedWorld:
 
 
 def drawn(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
-    """A correction as its prior has it, by name."""
+    """A correction drawn from its prior, by name."""
     terms = free_terms(rig)
     return {f.name: f.neutral + f.prior_sd * float(rng.standard_normal()) for f in terms}
 
 
 def form_hooks(rig: Rig) -> dict[str, Any]:
-    """The hooks of a simulated flight in the form that reference flights have shown; {} without."""
+    """The hooks of a simulated flight in the form that reference flights have shown; {} if none."""
     if not rig.discrepancy.fitted:
         return {}
     sizes = {f.name: f.neutral for f in free_terms(rig)}

@@ -1,7 +1,7 @@
 """What effects do along the flights: the force that they make, and what ignoring it costs.
 
-In: a model, a fit, names of its hypothesis. Out: newtons, and millimetres of tracking error of the
-rig's controller, which would have to answer a force that its feedforward does not know.
+In: a model, a fit, names of its hypothesis. Out: newtons, and millimetres of tracking error: the
+rig's controller would have to answer a force that its feedforward does not know.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class Cost:
 
 
 def cost_of(model: GantryModel, fitted: Fit, part: Sequence[str]) -> Cost:
-    """What some effects make and cost along the flights of a model; ends at 90 % over flights."""
+    """What some effects make and cost along a model's flights, with ends at 90 % over flights."""
     changes = changes_of(model, fitted, part)
     squares = np.concatenate([change**2 for change in changes])
     errors = np.array([_rms(tracking_error(model.rig, change)) for change in changes])
@@ -38,13 +38,13 @@ def cost_of(model: GantryModel, fitted: Fit, part: Sequence[str]) -> Cost:
 
 
 def force_of(model: GantryModel, fitted: Fit, part: Sequence[str]) -> float:
-    """Root mean square [N] of what some effects change in the force while in the air."""
+    """Root mean square [N] of some effects' change of the force in the air."""
     squares = np.concatenate([change**2 for change in changes_of(model, fitted, part)])
     return float(np.sqrt(squares.mean()))
 
 
 def changes_of(model: GantryModel, fitted: Fit, part: Sequence[str]) -> list[FloatArray]:
-    """The force [N] that some effects add, step by step of each flight while in the air."""
+    """The force [N] that some effects add in the air, step by step for each flight."""
     is_part = [any(f.name.startswith(f"{name}.") for name in part) for f in fitted.free]
     neutral = np.array([f.neutral for f in fitted.free])
     plain = replace(fitted, theta=np.where(is_part, neutral, fitted.theta))
@@ -59,7 +59,7 @@ def changes_of(model: GantryModel, fitted: Fit, part: Sequence[str]) -> list[Flo
 
 
 def tracking_error(rig: Rig, force_n: FloatArray) -> FloatArray:
-    """Height error [m] (N,) of the rig's PID under a force (N,) that nothing tells it of.
+    """Height error [m] (N,) of the rig's PID under a force (N,) that it does not know.
 
     Linear: a mass, the rig file's gains, and a command that takes effect a lead later.
     """

@@ -56,9 +56,9 @@ Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Retraining]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A rig file and its flights, some of them sealed: nothing is fitted to those.
+    """A rig file and its flights; nothing is fitted to the sealed ones.
 
-    `is_simulated` says that the thresholds are this rig's own, `rig_path` where its file lies.
+    `is_simulated` says that the thresholds are this rig's own; `rig_path` is where its file lies.
     """
 
     rig: Rig
@@ -70,20 +70,20 @@ class Case:
 
     @property
     def in_sample(self) -> bool:
-        """Too few flights to seal any: what is shown was also found in them."""
+        """Whether there are too few flights to seal any: those shown were then also fitted."""
         return not self.sealed
 
     @functools.cached_property
     def base(self) -> tuple[GantryModel, Fit]:
-        """The flights around the motion that the rig file as it is explains, and its fit.
+        """The flights around the motion that the unchanged rig file explains, and its fit.
 
-        Fitted once, when `find` or `name` first needs it.
+        It is fitted once, when `find` or `name` first needs it.
         """
         return fitted_base(with_terms(GantryModel(self.rig, self.flights)))
 
     @property
     def share(self) -> float:
-        """Of the flights, those that are not sealed."""
+        """The share of the flights that is not sealed."""
         return len(self.flights) / (len(self.flights) + len(self.sealed))
 
     @property
@@ -102,7 +102,7 @@ def open_case(
 ) -> Case:
     """Read rig and logs; the last flights are sealed. The rig's thresholds are simulated once.
 
-    That takes minutes, for which flights too few for a verdict do not wait.
+    That takes minutes; too few flights for a verdict do not wait for it.
     """
     rig = read_rig(rig_path)
     flights = read_flights(measured, rig)
@@ -117,7 +117,7 @@ def open_case(
 
 
 def find(case: Case, out: Path, progress: Progress = quiet) -> Find:
-    """Where they disagree; writes `find.json`."""
+    """Find where flights and rig file disagree; write `find.json`."""
     progress("fitting the rig file as it is")
     model, base = case.base
     progress("mapping what it leaves")
@@ -145,9 +145,9 @@ def _log(flight: Flight) -> Log:
 
 
 def name(case: Case, out: Path, progress: Progress = quiet) -> Name:
-    """Which effect explains it; writes `name.json` and the fits beside it.
+    """Find which effect explains it; write `name.json` and the fits beside it.
 
-    Of too few flights it says which effect leads, and concludes nothing. UnusableInput where `find`
+    With too few flights it says which effect leads, and concludes nothing. UnusableInput if `find`
     has not run.
     """
     steps = required(out, "find", case.rig.sha256, case.recordings)
@@ -170,10 +170,10 @@ def name(case: Case, out: Path, progress: Progress = quiet) -> Name:
     progress("comparing what could be told apart")
     named = _judged(case, out, answer, write_answer(answer, out, started), progress)
     if named.verdict == "none" and answer.instead is not None:
-        # What the sealed flights do not bear out took the place of effects that they may.
+        # A formula that the sealed flights do not bear out took the place of effects that they may.
         effects = answer.instead
         again = _judged(case, out, effects, write_answer(effects, out, started), progress)
-        if again.verdict == "none":  # nor do they: what is told is the formula
+        if again.verdict == "none":  # these are not borne out either: the formula is reported
             Found.of(answer).write(out)
             return write(out, named)
         return again
@@ -192,7 +192,7 @@ def write_answer(answer: Answer, out: Path, started_s: float, is_simulated: bool
 
 
 def _judged(case: Case, out: Path, answer: Answer, named: Name, progress: Progress) -> Name:
-    """The answer after the sealed flights have said what it is worth; writes `name.json` again."""
+    """The answer after the sealed flights' judgement; writes `name.json` again."""
     found = Found.of(answer)
     parts = parts_of(named, found.fit.hypothesis)
     progress("asking the sealed flights whether it matters")
@@ -221,10 +221,9 @@ def add(case: Case, out: Path, *, from_symbolic: bool = False, only: str | None 
     """Write the new rig file from `name.json`; the old one stays. Writes `add.json`, `rig.toml`.
 
     `only` adds one effect of the ranking, as a member of a class, with what is sure, all refitted
-    together as `show_gap` does it; `from_symbolic` adds the expression of an unknown effect, with
-    the effects that are needed beside it.
-    Raises UnusableInput where there is nothing to add; of too few flights only what `only` asks for
-    is added.
+    together as `show_gap` does it. `from_symbolic` adds the expression of an unknown effect, with
+    the effects that are needed beside it. With too few flights only what `only` asks for is added.
+    Raises UnusableInput if there is nothing to add.
     """
     named = _named(out, case)
     digest = sha256_of("".join(f.sha256 for f in case.flights).encode())
@@ -249,7 +248,7 @@ def add(case: Case, out: Path, *, from_symbolic: bool = False, only: str | None 
     written = Add(
         rig="rig.toml", old_sha256=case.rig.sha256, new_sha256=corrected.sha256, effects=added
     )
-    # First what tells of it: a `rig.toml` that nothing tells of would be another hand's.
+    # First the file that names it: a `rig.toml` that no file names would be another hand's.
     write(out, written)
     corrected.write(out / "rig.toml")
     return written
@@ -263,9 +262,8 @@ def show_gap(
 ) -> Show:
     """The gap on flights that nothing was fitted to; writes `show.json`.
 
-    UnusableInput where `name` has not run.
-    `retrain(old, corrected, logs, out)` gives the predictors' errors on the flights shown; it takes
-    minutes, and what was shown before it is written already.
+    UnusableInput if `name` has not run. `retrain(old, corrected, logs, out)` gives the predictors'
+    errors on the flights shown. It takes minutes; `show.json` is written before it starts.
     """
     named = _named(out, case)
     progress("showing the gap on sealed flights")
@@ -291,7 +289,7 @@ def show_gap(
 def retrain_shown(
     case: Case, out: Path, retrain: Retrain, shown: Show, progress: Progress = quiet
 ) -> Show:
-    """Add the predictors of both rigs to what `show` told, where something was added."""
+    """Add the predictors of both rigs to what `show` found, if something was added."""
     if read_steps(out).add is None:
         progress("nothing was added to the rig file: no predictor to train")
         return shown
@@ -302,14 +300,14 @@ def retrain_shown(
 
 
 def _named(out: Path, case: Case) -> Name:
-    """What `name` left about these flights; UnusableInput where it has not run on them."""
+    """What `name` left about these flights; UnusableInput if it has not run on them."""
     named = required(out, "name", case.rig.sha256, case.recordings).name
     assert named is not None
     return named
 
 
 def _to_add(case: Case, out: Path, named: Name, only: str | None) -> Sequence[Sized]:
-    """The effects that were named, and the one asked for; sizes of the fit that `show` judges."""
+    """The effects that were named, and the one asked for, with the sizes that `show` judges."""
     effects = named.to_add
     if only is None:
         return effects
@@ -318,13 +316,13 @@ def _to_add(case: Case, out: Path, named: Name, only: str | None) -> Sequence[Si
     names = [*(e.name for e in effects if e.name != only), only]
     found = Found.read(out, case.rig, case.flights)
     _, fitted = _corrected(found, named, names)
-    if fitted is None or fitted is found.fit:  # its slopes, and so intervals, were not kept
+    if fitted is None or fitted is found.fit:  # its slopes, and so its intervals, were not kept
         return [e for e in named.together if e.name in names]
     return [Sized(name=n, parameters=sizes_of(fitted, n)) for n in names]
 
 
 def _as_if(found: Found, named: Name) -> tuple[GantryModel, Fit | None]:
-    """What the corrected rig file would have, had it been given what was named."""
+    """The fit that the corrected rig file would have, had it been given what was named."""
     names = [effect.name for effect in named.effects]
     if named.verdict in ("class", "inconclusive") and found.fit.hypothesis:
         return found.model, found.fit
@@ -334,8 +332,8 @@ def _as_if(found: Found, named: Name) -> tuple[GantryModel, Fit | None]:
 def _corrected(found: Found, named: Name, added: Sequence[str]) -> tuple[GantryModel, Fit | None]:
     """The fit whose effects the corrected rig file has, an expression's terms included.
 
-    What was not fitted together by the search is fitted here, from the sizes that it ranked last:
-    the same each time for one folder.
+    Effects that the search did not fit together are fitted here, from the sizes of the last
+    ranking; this gives the same for the same folder.
     """
     if SYMBOLIC in added or (added and set(added) == set(found.fit.hypothesis)):
         return found.model, found.fit

@@ -1,6 +1,6 @@
 """What the gantry's artefacts say of effects and of errors: the parts that several of them share.
 
-In: numbers of a search. Out: models; a number that is none is NaN.
+In: numbers of a search. Out: models; a missing number is NaN.
 """
 
 import math
@@ -28,8 +28,8 @@ Verdict = Literal["named", "class", "none", "unknown", "inconclusive"]
 class Size(Measured):
     """A parameter's value and interval.
 
-    `at_bound`: it stands at an end of the library's range. `holds_neutral`: its interval reaches to
-    where it changes nothing.
+    `at_bound`: it is at an end of the library's range. `holds_neutral`: its interval holds the
+    value that changes nothing.
     """
 
     at_bound: bool = False
@@ -40,7 +40,7 @@ Sizes = dict[str, Size]
 
 
 class Tracking(Part):
-    """Height [m] by which a controller errs that does not know of a force, with 90 % interval."""
+    """The height error [m] of a controller that does not know of a force, with 90 % interval."""
 
     value: Number = _NAN
     low: Number = _NAN
@@ -50,7 +50,7 @@ class Tracking(Part):
 class Worth(Part):
     """What an effect is worth on flights that it was not fitted to.
 
-    `removed` by horizon; `placebo_removed` and `placebo_gain_nats` are of a wrong effect, where
+    `removed` is by horizon; `placebo_removed` and `placebo_gain_nats` are a wrong effect's, if
     there is one.
     """
 
@@ -65,19 +65,19 @@ class Worth(Part):
 
 
 class WithParameters(Part):
-    """What has sizes that a rig file may state."""
+    """Something with sizes that a rig file may state."""
 
     parameters: Sizes = {}
 
     def entries(self) -> dict[str, EffectParameter]:
-        """The parameters as a rig file states them; ValidationError for sizes that are none."""
+        """The parameters as a rig file states them; ValidationError for impossible sizes."""
         kept = set(EffectParameter.model_fields)
         plain = {name: size.model_dump(include=kept) for name, size in self.parameters.items()}
         return {name: EffectParameter(**_known(size)) for name, size in plain.items()}
 
 
 def _known(size: dict[str, Any]) -> dict[str, Any]:
-    """None in place of numbers that are none."""
+    """None in place of missing numbers."""
     return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in size.items()}
 
 
@@ -96,14 +96,14 @@ class Effect(Sized):
 
     @property
     def matters(self) -> bool:
-        """Whether it was found to matter; what no flight has judged is taken to."""
+        """Whether it was found to matter; an effect that no flight has judged is taken to."""
         return self.worth is None or self.worth.matters
 
 
 class Ranked(Sized):
     """An effect in a ranking, with the 90 % interval of its gain.
 
-    `needed_nats` is what it has to gain, where that is not the round's threshold.
+    `needed_nats` is what it has to gain, if that is not the round's threshold.
     """
 
     gain_nats: Number
@@ -115,8 +115,8 @@ class Ranked(Sized):
 class Round(Part):
     """A ranking on top of the effects `given`; `found` is the effect taken, "" for none.
 
-    `near_nats`: how near the best a rival is. `threshold_nats`: what chance alone gains, where that
-    is simulated.
+    `near_nats` is how near the best a rival is. `threshold_nats` is what chance alone gains, if
+    that is simulated.
     """
 
     given: list[str]
@@ -134,7 +134,7 @@ class Confusion(Part):
 
 
 class Detectable(Part):
-    """The smallest size that would have been found; NaN for none, or where it is not `known`."""
+    """The smallest size that would have been found; NaN if none, or if it is not `known`."""
 
     parameter: str
     size: Number
@@ -145,7 +145,7 @@ class Detectable(Part):
 class Expression(WithParameters):
     """A force without a name: an expression, what it depends on, what it gains.
 
-    Of a rest `force_n` is its size along the flights; `worth` is what sealed flights say of it.
+    `force_n` is a rest's size along the flights; `worth` is what sealed flights say of it.
     """
 
     text: str = ""
@@ -158,7 +158,7 @@ class Expression(WithParameters):
 
 
 class Leading(Part):
-    """The effects that few flights speak for most, and what comes after them.
+    """The effects that few flights favour most, and what comes after them.
 
     `clear` says that they gain more than noise and calibration alone.
     """
@@ -173,7 +173,7 @@ class Leading(Part):
 
 
 class Bent(Part):
-    """A calibrated constant that the flights want `away_sd` spreads from where the rig has it."""
+    """A calibrated constant that the flights want `away_sd` spreads from the rig's value."""
 
     name: str
     stated: Number
@@ -191,10 +191,10 @@ class Half(Lead):
 class Answer(Part):
     """What is missing, as name.json and result.json say it.
 
-    `rivals` cannot be told apart, nor those of each of `more_classes`; `others` are nearly as near.
-    `beside` explains a part of what is unknown, `rest` is left beyond what was found, `small` is
-    there and does not matter, `withdrawn` is what sealed flights do not bear out. `explainable` is
-    what any explanation could remove where none was found.
+    `rivals` cannot be told apart, nor can those of each of `more_classes`; `others` are nearly as
+    near. `beside` explains a part of what is unknown, `rest` is left beyond what was found, `small`
+    is there and does not matter, and sealed flights do not bear out `withdrawn`. `explainable` is
+    what any explanation could remove if none was found.
     """
 
     verdict: Verdict | None = None
@@ -224,7 +224,7 @@ class Answer(Part):
 
     @property
     def to_add(self) -> list[Effect]:
-        """The named effects that a rig file is given without being asked: those that matter."""
+        """The named effects that a rig file gets without being asked: those that matter."""
         return [effect for effect in self.effects if effect.matters]
 
 
@@ -241,7 +241,7 @@ class Gap(Error):
 
 
 class Placebo(Part):
-    """The best wrong effect in place of what was found; `helps` where it gains clearly."""
+    """The best wrong effect in place of what was found; `helps` says that it gains clearly."""
 
     name: str
     before: Number
@@ -257,7 +257,7 @@ Interval = tuple[Number, Number] | None
 
 
 class Scores(Part):
-    """Errors of two predictors in `unit`, with 90 % intervals over flights, None of one flight."""
+    """Errors of two predictors in `unit`, with 90 % intervals over flights; None for one flight."""
 
     old_rmse: Number
     old_rmse_interval: Interval = None
@@ -272,7 +272,7 @@ class Retraining(Scores):
     """Predictors trained on the old and on the corrected simulation, scored on measured flights.
 
     `by_old_label` are the same errors on the force as the old rig measures it; `label_sd` is the
-    error that the measured force has itself, `measured_rms` its size.
+    measured force's own error, `measured_rms` its size.
     """
 
     unit: str = "N"
@@ -287,10 +287,10 @@ class Retraining(Scores):
 
 
 class Judged(Part):
-    """What flights that nothing was fitted to say, as show.json and result.json have it.
+    """What flights that nothing was fitted to say, as in show.json and result.json.
 
-    `as_if` are effects with which the error after is shown although no rig file was given them,
-    `hidden_by` constants that are bent without what was found and not with it.
+    `as_if` are effects with which the error after is shown although no rig file got them;
+    `hidden_by` are constants that are bent without what was found but not with it.
     """
 
     in_sample: bool = False
@@ -305,7 +305,7 @@ class Judged(Part):
 class Splitting(Part):
     """What would split a class: the manoeuvre, or the sensors that the library knows.
 
-    `manoeuvre` is None where none was looked for, or none of the menu (`is_searched`) does it;
+    `manoeuvre` is None if none was looked for, or if none of the menu (`is_searched`) splits it;
     `seconds` is how long all its flights take.
     """
 
@@ -325,15 +325,15 @@ class Advice(Part):
 
     @property
     def text(self) -> str:
-        """As a terminal shows it: `Next: …`, then a command per line."""
+        """What a terminal shows: `Next: …`, then a command per line."""
         return "\n".join([f"Next: {self.why}:", *(f"  {command}" for command in self.commands)])
 
 
 class Told(Answer, Judged):
-    """The answer and how it was judged, with what stands in result.json beside them.
+    """The answer and how it was judged, with what stands beside them in result.json.
 
-    `members` are the sizes of each effect of a class, or of those that lead; `flights` counts the
-    sealed ones, too.
+    `members` are the sizes of each effect of a class, or of those that lead; `flights` includes the
+    sealed ones.
     """
 
     members: list[Effect] = []

@@ -31,24 +31,24 @@ IntArray = npt.NDArray[np.int64]
 
 GRID_HZ = 128.0
 DT_S = 1.0 / GRID_HZ
-AIRBORNE_M = 0.06  # above the stop by more than range noise
+AIRBORNE_M = 0.06  # height above the stop; more than range noise
 BELOW_TOP_M = 0.02
-SETTLING_S = 0.3  # of each stretch: the filter finds its speed
-SHORTEST_S = 4.0  # of airborne time, to say anything
+SETTLING_S = 0.3  # of each stretch, in which the filter finds its speed
+SHORTEST_S = 4.0  # of airborne time; a shorter flight says nothing
 _SHORTEST_STRETCH_S = 1.5
 _LONGEST_GAP_S = 0.5
 _GAP_S = 0.1  # between samples
-_TOLD_GAP_S = 0.125  # between ticks: bridged, and told
-_FREE_WHITE = 2.0  # [(m/s²)²·s] for a first look at the motion, knowing nothing of forces
-_CUT_OFF_SHARE = 0.9  # of readings at rest are of one value: their mean cannot be told
-_ZERO_M = 0.0005  # what reads less reads zero
-_NOISE_KNOWN = 0.3  # to which share a rig file knows the noise at rest
+_TOLD_GAP_S = 0.125  # between ticks: bridged, and reported
+_FREE_WHITE = 2.0  # [(m/s²)²·s] for a first look at the motion without knowing any force
+_CUT_OFF_SHARE = 0.9  # of readings at rest that are one value: their mean cannot be known
+_ZERO_M = 0.0005  # a smaller reading is zero
+_NOISE_KNOWN = 0.3  # the share to which a rig file knows the noise at rest
 _REST_SD_M = 0.0015  # quantisation and the sensor's own zero at the stop
 _CARRIAGE_MOVED_M = 0.02
 _TAKE_OFF_LIMIT_S, _FINE_S = 2.0, 0.002
-_IDLE_US = 20.0  # above the idle pulse a motor turns
+_IDLE_US = 20.0  # above the idle pulse, from which a motor turns
 _AT_REST = ("ARMED", "DISARMED")
-OUTLIER = np.array([0.01, 0.1**2])  # probability, and variance [m²] of what strays
+OUTLIER = np.array([0.01, 0.1**2])  # probability, and variance [m²], of a stray reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +68,10 @@ class Flight:
     """One flight on a grid of N steps of `DT_S`, with n range samples.
 
     `grid_s` (N,) are the steps' starts. `frame_s` (F,) are the times at which the ESCs take a new
-    pulse by the rig file, `reported_frame_s` (G,) by the log where it says otherwise. `start`,
-    `stop` (S,) bound the airborne stretches, in steps. `nominal` (2, N) is the height [m] and speed
-    [m/s] smoothed from the readings. `rest` (r, 4) are the readings at rest on the stop, each
-    period as mean, variance, time, and 1 where the mean is only known to lie below.
+    pulse by the rig file, `reported_frame_s` (G,) by the log if it says otherwise. `start`, `stop`
+    (S,) bound the airborne stretches, in steps. `nominal` (2, N) is the height [m] and speed [m/s]
+    smoothed from the readings. `rest` (r, 4) are the readings at rest on the stop: each period's
+    mean, variance, time, and 1 if the mean is only known to be at most that.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Flight:
     notes: tuple[str, ...] = ()
     references: FloatArray | None = None  # (3, n) height, carriage, source command, at the samples
     reported_frame_s: FloatArray | None = None
-    seed: int | None = None  # of the plan that it flew, where the log says so
+    seed: int | None = None  # of the plan that it flew, if the log says it
     simulated: bool = False
 
     @functools.cached_property
@@ -110,7 +110,7 @@ class Flight:
 
     @functools.cached_property
     def spacing_s(self) -> float:
-        """Mean time between fresh samples [s], gaps apart."""
+        """Mean time between fresh samples [s], without the gaps."""
         between = np.diff(self.sample_s)
         return float(between[between < _GAP_S].mean())
 
@@ -187,8 +187,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
 def _take_off_s(sufferer: Line, frame_s: FloatArray, rig: Rig, begins_s: float) -> float:
     """When the thrust reaches half the weight, as in the plant: `Motion.time_s` counts from then.
 
-    The first tick in flight is a tenth of a second earlier, which is a third of a fast sine's
-    period.
+    The first tick in flight is a tenth of a second earlier: a third of a fast sine's period.
     """
     fine_s = np.arange(begins_s, begins_s + _TAKE_OFF_LIMIT_S, _FINE_S)
     taken = np.maximum(np.searchsorted(frame_s, fine_s, side="right") - 1, 0)
@@ -205,7 +204,7 @@ def _seed(metadata: Mapping[str, str]) -> int | None:
 
 
 def _require_same_rig(log: RunLog, rig: Rig, name: str) -> None:
-    """A log of another rig is refused; what only the model knows, such as effects, may differ."""
+    """Refuse a log of another rig; what only the model knows, such as effects, may differ."""
     stated = log.metadata.get("rig_sha256")
     if stated is None or stated == rig.sha256:
         return
@@ -267,7 +266,7 @@ def _free_motion(grid_s: FloatArray, sample_s: FloatArray, reading_m: FloatArray
     nominal = np.zeros((2, count))
     nominal[0, 0] = float(np.median(reading_m[:5]))
     still, none = np.zeros((3, count)), np.zeros(count)
-    # Linear, so any nominal path will do; the expected reading is the nominal height itself.
+    # It is linear, so any nominal path will do; the expected reading is the nominal height itself.
     expected = np.stack([nominal[0, step_of], np.ones(len(step_of))])
     noise = np.full(len(step_of), 0.005**2)
     _, _, states, covariances = filtered(
@@ -292,7 +291,7 @@ def _free_motion(grid_s: FloatArray, sample_s: FloatArray, reading_m: FloatArray
 
 
 def placed(grid_s: FloatArray, sample_s: FloatArray) -> tuple[IntArray, FloatArray]:
-    """For each sample the step in which it was taken, and how far into it [s]."""
+    """The step in which each sample was taken, and how far into it [s]."""
     step = np.clip(np.floor((sample_s - grid_s[0]) * GRID_HZ + 1e-9), 0, len(grid_s) - 1)
     step = step.astype(np.int64)
     return step, np.asarray(sample_s - grid_s[step])
@@ -301,7 +300,7 @@ def placed(grid_s: FloatArray, sample_s: FloatArray) -> tuple[IntArray, FloatArr
 def _stretches(
     rig: Rig, grid_s: FloatArray, nominal: FloatArray, flying_s: FloatArray
 ) -> tuple[IntArray, IntArray]:
-    """First step and one past the last of each stretch in the air, away from both stops."""
+    """First step, and one past the last, of each stretch in the air, away from both stops."""
     top = rig.sufferer.travel_m - BELOW_TOP_M
     free = (nominal[0] > AIRBORNE_M) & (nominal[0] < top)
     free &= (grid_s > flying_s[0]) & (grid_s < flying_s[-1])
@@ -312,7 +311,7 @@ def _stretches(
 
 
 def _mcu_output(arrivals_s: FloatArray, command_us: FloatArray, rig: Rig) -> Line:
-    """What the MCU puts out: each command approached at the slew limit from where it stands."""
+    """What the MCU puts out: it moves to each command at the slew limit."""
     low, high = rig.limits.pulse_us
     slew = rig.limits.slew_us_per_s
     times, values = [arrivals_s[0] - 1.0], [low]
@@ -332,7 +331,7 @@ def _mcu_output(arrivals_s: FloatArray, command_us: FloatArray, rig: Rig) -> Lin
 def _doubts(
     log: RunLog, rig: Rig, frames: Frames, x_m: FloatArray, flying: npt.NDArray[np.bool_]
 ) -> tuple[str, ...]:
-    """What a flight cannot tell, or what had to be assumed of it, in words."""
+    """What a flight leaves open, or what had to be assumed of it, in words."""
     doubts = told_of_columns(log, rig, flying)
     if frames.doubt:
         doubts.append(frames.doubt)
@@ -371,7 +370,7 @@ def _rests(
     """Mean, variance, mean time and "is a ceiling" (r, 4) of readings at rest, before and after."""
     first, last = t_s[flying][0], t_s[flying | (log["mode"] == "LANDING")][-1]
     rests = []
-    # A failsafe may end in the air: only rests that the board confirms are rests.
+    # A failsafe may end in the air: only rests that the board confirms count.
     landed = np.isin(log["mode"][t_s > last], _AT_REST).all()
     after = sample_s > (last + 0.5 if landed else np.inf)
     for chosen in (sample_s < first - 0.05, after):
@@ -384,12 +383,12 @@ def _rests(
 
 
 def _censored_mean(reading_m: FloatArray, noise_m: float) -> tuple[float, float, bool] | None:
-    """Mean, its variance, and whether that is only a ceiling, of readings cut off below (a tobit).
+    """Mean, its variance, and whether it is only a ceiling, of readings cut off below (a tobit).
 
     A time-of-flight sensor gives no negative ranges, so at rest on the stop half of the noise may
-    be cut off. Where nearly all readings are zero, they do not tell their own spread: by the rig
-    file's noise, the mean is so low that no more than these stand out. A sensor that reads another
-    value all the time may be stuck: None.
+    be cut off. If nearly all readings are zero they do not show their own spread: with the rig
+    file's noise, the mean is low enough for no more than these to stand out. A sensor that always
+    reads another value may be stuck: None.
     """
     kept = reading_m[np.abs(reading_m - np.median(reading_m)) < 0.03]
     floor = float(kept.min())

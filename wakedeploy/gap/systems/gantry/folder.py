@@ -27,7 +27,7 @@ from wakedeploy.gap.systems.gantry.artefacts import (
 from wakedeploy.gap.systems.gantry.findings import Answer, Judged, Told
 
 STEPS = ("find", "name", "add", "show", "result")
-TITLE = "The gap between simulation and measurement"  # of the report, by which it is known
+TITLE = "The gap between simulation and measurement"  # the report is known by it
 PICTURES = (
     *("maps_exogenous", "maps_fed_back", "replay", "spectrum", "confusion"),
     *("before_after", "places", "forecasts", "placebo", "retraining"),
@@ -48,14 +48,14 @@ class StepArtefacts:
 
     @property
     def flights(self) -> int:
-        """How many were read, sealed ones included; 0 where `find` has not run."""
+        """How many flights were read, sealed ones included; 0 if `find` has not run."""
         return 0 if self.find is None else len(self.find.logs)
 
     @property
     def missing(self) -> str | None:
         """The step that comes next, `plan` for an open class; None when nothing is left to do.
 
-        Nothing is to be added that no flight can confirm, unless a person asks for it.
+        What no flight can confirm is not to be added, unless a person asks for it.
         """
         if self.find is None:
             return "find"
@@ -71,7 +71,7 @@ class StepArtefacts:
 
     @property
     def option(self) -> str:
-        """What the step that comes next needs beside its name, or ""."""
+        """What the next step needs beside its name, or ""."""
         by_expression = self.missing == "add" and self.name is not None and not self.name.to_add
         return " --from-symbolic" if by_expression else ""
 
@@ -95,30 +95,30 @@ class StepArtefacts:
 
     @property
     def _class_is_open(self) -> bool:
-        """Of a class nothing is in the rig file."""
+        """Whether a class is named and no member of it is in the rig file."""
         added = set() if self.add is None else {effect.name for effect in self.add.effects}
         members = [] if self.name is None else self.name.rivals
         return bool(members) and added.isdisjoint(members)
 
 
 def _can_add(name: Name) -> bool:
-    """There is an effect, or an expression, that a rig could be given. Of a class, none is."""
+    """Whether there is something to add: a named effect that matters, or an expression."""
     unknown = name.unknown is not None and bool(name.unknown.expression)
     return bool(name.to_add) or (name.verdict == "unknown" and unknown)
 
 
 def parts(artefact: Artefact | None, kind: type[Answer | Judged]) -> dict[str, object]:
-    """The fields of an artefact that a part of it has, by name."""
+    """The fields of an artefact that belong to one of its parts, by name."""
     return {} if artefact is None else {name: getattr(artefact, name) for name in kind.model_fields}
 
 
 def read_plan(folder: Path) -> Plan | None:
-    """`plan.json`, None where no plan was made; UnusableInput where it cannot be read."""
+    """`plan.json`; None if no plan was made; UnusableInput if it cannot be read."""
     return _read(folder / "plan.json", Plan)
 
 
 def read_steps(folder: Path) -> StepArtefacts:
-    """Read the artefacts of a folder; UnusableInput where a file is there and cannot be read."""
+    """Read the artefacts of a folder; UnusableInput for a file that cannot be read."""
     return StepArtefacts(
         _read(folder / "find.json", Find),
         _read(folder / "name.json", Name),
@@ -129,9 +129,9 @@ def read_steps(folder: Path) -> StepArtefacts:
 
 
 def prepare(folder: Path, rig_path: Path) -> None:
-    """Make the folder. UnusableInput where nothing can be written, or the rig file would be lost.
+    """Make the folder; every step calls this first.
 
-    A step calls it first.
+    Raises UnusableInput if nothing can be written, or if the rig file would be lost.
     """
     if rig_path.resolve() == (folder / "rig.toml").resolve():
         raise UnusableInput(
@@ -147,7 +147,7 @@ def prepare(folder: Path, rig_path: Path) -> None:
 
 
 def refuse_foreign_rig(folder: Path) -> None:
-    """UnusableInput where the folder holds a `rig.toml` that is not as `add` wrote it."""
+    """UnusableInput if the folder holds a `rig.toml` that is not as `add` wrote it."""
     if (folder / "rig.toml").is_file() and not _wrote_rig(folder):
         raise UnusableInput(
             f"{folder / 'rig.toml'}: not as `gap add` wrote it; move it away, or give another "
@@ -172,7 +172,7 @@ def _wrote_rig(folder: Path) -> bool:
 def forget(folder: Path, first: str) -> None:
     """Remove what `first` and the steps after it left in an earlier run, their rig file included.
 
-    So are the report, its figures and the plan, which tell of what is removed. A `rig.toml` that
+    The report, its figures and the plan describe what is removed, and go too. A `rig.toml` that
     another hand has written or changed stays, and so does what else lies there.
     """
     stale = STEPS[STEPS.index(first) :]
@@ -193,7 +193,7 @@ def forget(folder: Path, first: str) -> None:
 def required(folder: Path, before: str, rig_sha256: str, logs: Sequence[str]) -> StepArtefacts:
     """What the steps have left; `before` has run in the folder, on this rig file and these logs.
 
-    `logs` are the SHA-256 of the recordings, in order. UnusableInput where it has not.
+    `logs` are the SHA-256 of the recordings, in order. UnusableInput if it has not.
     """
     steps = read_steps(folder)
     if getattr(steps, before) is None:
@@ -223,7 +223,7 @@ def _read(path: Path, kind: type[Kind]) -> Kind | None:
 
 
 def write(folder: Path, artefact: Kind) -> Kind:
-    """Write an artefact whole, under the name of its step; what was written."""
+    """Write an artefact whole, under the name of its step, and return it."""
     folder.mkdir(parents=True, exist_ok=True)
     write_text_whole(
         folder / f"{type(artefact).__name__.lower()}.json", json_text(artefact.as_json())

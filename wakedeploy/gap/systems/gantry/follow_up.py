@@ -1,6 +1,6 @@
-"""After a class or an "unknown": the manoeuvre that splits it is flown, and the answer renewed.
+"""After a class or an "unknown": the manoeuvre that splits it is flown, and asked about again.
 
-In: a folder that `gap close` left, and who can fly. Out: the manoeuvre as a file, its flights, the
+In: a folder that `gap close` left, and a way to fly. Out: the manoeuvre as a file, its flights, the
 folder with the new answer, and `follow.json` with both answers.
 """
 
@@ -28,8 +28,8 @@ from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import read_rig
 
-MOST_FLIGHTS = 4  # of one manoeuvre in a turn; what takes more is asked for a second time
-_LEADING = 2  # of a ranking, where nothing was named
+MOST_FLIGHTS = 4  # of one manoeuvre at a time; a manoeuvre that takes more is asked for again
+_LEADING = 2  # of a ranking, if nothing was named
 FLOWN = "flown"
 REFERENCE = "manoeuvre.csv"
 
@@ -84,7 +84,7 @@ class Manoeuvre:
 
 
 def what_is_open(folder: Path) -> Open:
-    """Read it from the folder's artefacts; UnusableInput where nothing is open, or not known."""
+    """What the folder's artefacts leave open; UnusableInput if nothing, or if it is not known."""
     if (folder / "domain.json").is_file():
         raise UnusableInput(
             f"{folder} is of a system and not of a rig: ask `wakedeploy gap plan --system` which "
@@ -113,7 +113,7 @@ def what_is_open(folder: Path) -> Open:
 
 
 def _names(steps: StepArtefacts, result: Result) -> tuple[str, ...]:
-    """The members of the class, or the effects that lead where nothing was named."""
+    """The members of the class, or the effects that lead if nothing was named."""
     if len(result.rivals) > 1:
         return tuple(result.rivals)
     if result.verdict != "unknown" or steps.name is None:
@@ -134,9 +134,9 @@ def _short(result: Result) -> Short:
 def planned_manoeuvre(
     folder: Path, question: Open, rig: Rig, progress: Progress = quiet
 ) -> Manoeuvre:
-    """The manoeuvre that splits them best, written beside the answer.
+    """The manoeuvre that splits the effects best, written beside the answer.
 
-    Raises UnusableInput where none does within the rig's limits; the sentence says what would.
+    Raises UnusableInput if none does within the rig's limits; the sentence says what would.
     """
     stage = "looking for the manoeuvre that tells them apart"
     progress(stage)
@@ -155,7 +155,7 @@ def planned_manoeuvre(
 
 
 def flown(folder: Path, question: Open, planned: Manoeuvre, fly: Fly) -> list[Path]:
-    """The manoeuvre, as often as it takes, each flight with a seed of its own; their logs."""
+    """Fly the manoeuvre as often as needed, each flight with its own seed; return the logs."""
     place = folder / FLOWN
     place.mkdir(parents=True, exist_ok=True)
     logs = []
@@ -177,7 +177,7 @@ def answered_again(
     report: bool = True,
     progress: Progress = quiet,
 ) -> Followed:
-    """The answer of all flights, the new ones first; writes `follow.json`.
+    """The answer from all flights, the new ones first; writes `follow.json`.
 
     The last of the earlier flights stay sealed: they have confirmed nothing of the new answer.
     """
@@ -202,7 +202,7 @@ def answered_again(
 
 
 def rig_of(question: Open) -> Rig:
-    """The rig file of the first answer; UnusableInput where it is gone."""
+    """The rig file of the first answer; UnusableInput if it is gone."""
     if not question.rig_path.is_file():
         raise UnusableInput(f"{question.rig_path}: the rig file of the first answer is gone.")
     return read_rig(question.rig_path)

@@ -1,8 +1,8 @@
 """Every force along one flight, from the logged commands: arrays on the flight's grid.
 
-The stages of the plant one after another, each over the whole flight: command, actuator, wake,
-force, body, sensor. What a stage computed is kept while its constants and effects stay the same,
-because a fit moves one parameter at a time.
+The stages of the plant, one after another, each over the whole flight: command, actuator, wake,
+force, body, sensor. A stage's result is kept while its constants and effects stay the same, because
+a fit moves one parameter at a time.
 """
 
 import math
@@ -36,10 +36,10 @@ from wakedeploy.physics.series import jet_along, rail_friction, spooled_thrust
 Result = TypeVar("Result")
 
 _JET_DT_S = 2.0 * DT_S  # puffs at 64 Hz still overlap by more than their width
-_DZ_M = 0.005  # how far slopes are looked at; smaller than anything that varies with height
-_DV_MPS = 0.01  # how far slopes by speed are looked at
-_SLIDING_MPS = 0.003  # how far a smoothed speed errs about zero; more bends a steep friction
-_RESTING_MPS = 0.006  # slower than this, smoothed, the sufferer stands as often as not
+_DZ_M = 0.005  # step of slopes by height; smaller than anything that varies with height
+_DV_MPS = 0.01  # step of slopes by speed
+_SLIDING_MPS = 0.003  # error of a smoothed speed about zero; more bends a steep friction
+_RESTING_MPS = 0.006  # at a lower smoothed speed the sufferer stands as often as not
 _PASSED_S = 3.0  # a puff is gone by then, however slow the wake
 _KEPT = 3
 _SHAPING = ("speed_mps", "speed_exponent", "diffusivity_m2ps", "decay_per_s", "width_m")
@@ -51,9 +51,9 @@ _PULSES_AVERAGED = 5
 class Forces:
     """Along one flight's grid (N,) and samples (n,); see `wakedeploy.physics.series.filtered`.
 
-    `acceleration` (3, N): [m/s²] at the nominal motion, slopes by height and speed. `expected`
-    (2, n): the reading at the nominal height and its slope. `taken_s` (n,): when the samples were
-    taken. `held`: what a sensor that repeats itself makes of them.
+    `acceleration` (3, N): [m/s²] at the nominal motion, and its slopes by height and by speed.
+    `expected` (2, n): the reading at the nominal height, and its slope. `taken_s` (n,): when the
+    samples were taken. `held`: how a sensor that repeats itself holds them.
     """
 
     source_n: FloatArray
@@ -98,7 +98,7 @@ class Physics:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         source = self._motor("source", constants, effects)
         sufferer = self._motor("sufferer", constants, effects)
-        # An array is kept beside what was made of it, so that its id cannot come twice.
+        # An array is kept with what was made from it, so that no other can get its id.
         charge_s, _ = self._remembered(
             "charge",
             id(sufferer),
@@ -132,10 +132,10 @@ class Physics:
         return self._remembered(f"motor.{motor}", key, compute)
 
     def _pulses(self, motor: str, constants: Constants, effects: Chain) -> FloatArray:
-        """Mean pulse [µs] that the ESC acted on in each step.
+        """The mean pulse [µs] that the ESC acted on in each step.
 
-        Where the log tells the frames of another period than the rig file's, a period on the way
-        from the one to the other is a mixture, so that its likelihood is smooth.
+        If the log shows frames of another period than the rig file's, a period on the way between
+        the two is a mixture, so that its likelihood is smooth.
         """
         stated_s = self._rig.disturbance.esc_frame_s
         longer_s = constants["disturbance.esc_frame_s"] - stated_s
@@ -202,7 +202,7 @@ class Physics:
     def _formed(
         self, constants: Constants, wake: tuple[FloatArray, FloatArray], lateral_m: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The wake where its form is not quite the model's."""
+        """The wake with the correction of the model's form."""
         names = ("wake.speed_mps", "wake.width_m", "wake.diffusivity_m2ps")
         sizes = tuple(v for n, v in constants.items() if n.startswith("discrepancy.wake."))
         if not any(sizes):
@@ -223,7 +223,7 @@ class Physics:
         return self._remembered("formed", (id(wake), id(basis), sizes), compute)[0]
 
     def _carriage_m(self, effects: Chain) -> FloatArray:
-        """Where the carriage is [m] when its steps say `x_m`."""
+        """The carriage's true place [m] when its steps say `x_m`."""
         return self._remembered(
             "carriage",
             _key(effects.acting("carriage_m")),
@@ -246,7 +246,7 @@ class Physics:
         if shape["speed_exponent"] != 0.0:
             speed *= paces(root, shape["speed_exponent"])
         velocity, slope = jet_along(root, x_m[ends], above, speed, ages, *shapes)
-        # Evaluated at the ends of pairs of steps, wanted at the middle of each step.
+        # Evaluated at the ends of pairs of steps, but wanted at the middle of each step.
         at = np.arange(len(source_n)) + 0.5
         return np.interp(at, ends + 1.0, velocity), np.interp(at, ends + 1.0, slope)
 
@@ -284,7 +284,7 @@ class Physics:
         key = (id(source_n), id(sufferer_n), id(wake[0]), rail, form)
 
         def compute() -> _Sum:
-            # Half of a log is before take-off and after touch-down: nobody asks for its forces.
+            # Half of a log is before take-off and after touch-down, where nobody needs the forces.
             flown, air = _part(motion, self._flown), (wake[0][self._flown], wake[1][self._flown])
             at = _Motions(self._rig, self._setting, flown, air, self._bends)
             middle = at.acceleration(constants, effects, 0.0, 0.0)
@@ -309,7 +309,7 @@ class Physics:
         )
 
     def _held(self, flown: FloatArray) -> FloatArray:
-        """What is known in the air, (n,), on the whole grid (N,): outside as at its ends."""
+        """Values known in the air, (n,), on the whole grid (N,); outside, the nearest of them."""
         whole = np.empty(len(self._flight.grid_s))
         first, last = self._flown.start, self._flown.stop
         whole[:first], whole[first:last], whole[last:] = flown[0], flown, flown[-1]
@@ -355,7 +355,7 @@ class Physics:
 
 
 class _Sum(NamedTuple):
-    """Everything that acts on the sufferer, and what it was made of: ids of that are the key."""
+    """All that acts on the sufferer, and what it was made from: ids of that are the key."""
 
     acceleration: FloatArray
     sufferer_n: FloatArray
@@ -407,7 +407,7 @@ class _Motions:
 
 
 def _in_the_air(flight: Flight) -> tuple[int, int]:
-    """The grid's first and last steps whose forces matter; all where it never flew."""
+    """The grid's first and last steps whose forces matter; all if it never flew."""
     if not len(flight.start):
         return 0, len(flight.grid_s)
     return max(int(flight.start.min()) - 1, 0), min(int(flight.stop.max()) + 1, len(flight.grid_s))
@@ -419,7 +419,7 @@ def _part(motion: Motion, steps: slice) -> Motion:
 
 
 def _of_wake(constants: Constants) -> dict[str, float]:
-    """The wake's constants by their names in its section, of unit strength."""
+    """The wake's constants at unit strength, by their names in its section."""
     return {name: constants[f"wake.{name}"] for name in _SHAPING} | {"strength": 1.0}
 
 

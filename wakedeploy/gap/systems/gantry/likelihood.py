@@ -2,9 +2,9 @@
 
 In: a rig, flights, the names of effects. Out: innovations of the range sensor, one per sample, from
 a Kalman filter whose known forces come from the logged commands: under feedback a missing force
-hides in the command, and there it is in the prediction. Noise (white acceleration, turbulence that
-scales with the wake's force, range noise that may grow with height) and calibration (the rig
-file's spreads as priors) are free in every hypothesis, the base one included.
+hides in the command, and so shows in the prediction. Noise (white acceleration, turbulence that
+scales with the wake's force, range noise that may grow with height) and calibration (the rig file's
+spreads as priors) are free in every hypothesis, the base included.
 
 Everything but the filter is a sum along the flight, linear around the smoothed motion.
 """
@@ -37,8 +37,8 @@ from wakedeploy.physics.series import filtered, smoothed
 
 _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
 _NO_HORIZON = np.zeros(0, np.int64)
-_SHARE = 0.5  # of the way to a new motion, in one turn
-_STILL_MPS = 2e-4  # root mean square; the speed itself is known to some 20 times as much
+_SHARE = 0.5  # of the way to a new motion, per turn
+_STILL_MPS = 2e-4  # root mean square; the speed itself is known to about 20 times this
 _MOST_MOTIONS = 20
 _STANDING_TURNS = 3
 _OWN_STEP = 0.05  # of what varies, for its slope: with more, samples become outliers on the way
@@ -46,11 +46,10 @@ _OWN_STEP = 0.05  # of what varies, for its slope: with more, samples become out
 
 @dataclass(frozen=True, eq=False)
 class Forecasts:
-    """Heights forecast from each counted sample, arrays (h, n); NaN where the flight ends before.
+    """Heights forecast from each counted sample, arrays (h, n); NaN if the flight ends before.
 
-    Forecasts are for the steps of the grid, `then_s`. `measured_m` is the reading then,
-    `forecast_m` what was expected of it and `variance_m2` how uncertain that was, noise of the
-    reading included.
+    Forecasts are for the grid's steps at `then_s`. `measured_m` is the reading then, `forecast_m`
+    its expectation, and `variance_m2` the variance of that, with the reading's noise.
     """
 
     horizon_s: FloatArray  # (h,) from the step in which the sample was taken
@@ -64,8 +63,8 @@ class Forecasts:
 class GantryModel:
     """The likelihood of flights under effects on top of a rig file; a `Model` of `inference`.
 
-    `extra` are further effects by name, as a search for a symbolic expression tries them.
-    `relations` say which effects are confused with which, for `evidence.ranking`.
+    `extra` are further effects by name, which a search for a symbolic expression tries. `relations`
+    say which effects are confused with which, for `evidence.ranking`.
     """
 
     relations: ClassVar[Mapping[str, Effect]] = LIBRARY
@@ -94,17 +93,17 @@ class GantryModel:
         return self.extra[name] if name in self.extra else LIBRARY[name]
 
     def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
-        """Noise, calibration, then the parameters of the rig's own effects and of the named."""
+        """Noise, calibration, then the parameters of the rig's own effects and of named ones."""
         return self._layout(hypothesis).free
 
     def start(self, hypothesis: Hypothesis) -> FloatArray:
-        """Where a first fit begins: neutral, but with loud noise, so that nothing is an outlier."""
+        """Where a first fit starts: neutral, but with loud noise, so that nothing is an outlier."""
         return np.array([f.neutral if f.first is None else f.first for f in self.free(hypothesis)])
 
     def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
         """One flight: a score per airborne sample and one per rest on the stop.
 
-        What the rig file says to differ from flight to flight is this flight's own.
+        What the rig file says varies from flight to flight is this flight's own.
         """
         constants, effects = self._layout(hypothesis).read(theta)
         if not self._varying:
@@ -113,9 +112,9 @@ class GantryModel:
         return freed(score, self._own_directions(episode), self._stood(episode))
 
     def own_deviations(self, fitted: Fit, episode: int) -> dict[str, tuple[float, float]]:
-        """What a flight has of its own under a fit: value and standard error, by quantity.
+        """A flight's own deviations under a fit: value and standard error, by quantity.
 
-        As its own samples alone tell it, without the prior that it is like the others.
+        Its samples alone determine them, without the prior that it is like the others.
         """
         amounts, precision = self._amounts(fitted, episode)
         alone = np.linalg.inv(precision - np.eye(len(amounts)))
@@ -172,14 +171,14 @@ class GantryModel:
     def _scored(
         self, episode: int, constants: Constants, effects: Chain, theta: FloatArray
     ) -> Score:
-        """One flight with these constants and effects; of `theta` only the noise counts."""
+        """One flight with these constants and effects; only the noise is taken from `theta`."""
         flight = self.flights[episode]
         forces = self._physics[episode].forces(constants, effects)
         samples = self._filter(flight, forces, theta, _NO_HORIZON, False)[0]
         e, v, density, weight = samples[:, flight.counted]
         density, weight = _with_repeats(density, weight, flight, forces.held)
         rest_e = flight.rest[:, 0] - self._physics[episode].at_rest(constants, effects)
-        # Of a mean that is only known to lie below the sensor's zero, more would be missed.
+        # If only a ceiling of the mean is known, an expected mean below it is no error.
         rest_e = np.where(flight.rest[:, 3] > 0.0, np.minimum(rest_e, 0.0), rest_e)
         rest_v = flight.rest[:, 1]
         rest_density = -0.5 * (rest_e**2 / rest_v + np.log(2.0 * math.pi * rest_v))
@@ -198,10 +197,10 @@ class GantryModel:
         return self._physics[episode].forces(constants, effects)
 
     def forecasts(self, fitted: Fit, episode: int, horizons_s: Sequence[float]) -> Forecasts:
-        """Open-loop replay: from each filtered state, the commands tell what comes.
+        """Open-loop replay: from each filtered state, the commands predict what comes.
 
-        Forces are linear around the flight's motion, which all its readings smoothed: what depends
-        on the motion with a corner, friction's sign, is known ahead a little too well.
+        Forces are linear around the flight's motion, which all its readings smoothed. So forces
+        with a corner in the motion, such as friction's sign, are forecast a little too well.
         """
         flight = self.flights[episode]
         constants, effects = self._read(fitted, episode)
@@ -214,9 +213,9 @@ class GantryModel:
     def around_own_motion(self, fitted: Fit) -> "GantryModel":
         """The same flights around the motion on which a fit's forces and all samples agree.
 
-        The forces depend on the motion, friction's on its very sign: from the present motion both
-        take turns, flight by flight, until the speed stays where it is. Half-way each time, or
-        friction's corners would throw it to and fro. Nothing is fitted.
+        The forces depend on the motion, friction on its very sign. So forces and motion take turns,
+        flight by flight, until the speed stays where it is. Each turn goes half-way, or friction's
+        corners would throw the motion to and fro. Nothing is fitted.
         """
         flights = []
         begun = self.standing(fitted)
@@ -237,9 +236,10 @@ class GantryModel:
         return moved
 
     def standing(self, fitted: Fit) -> "GantryModel":
-        """The same flights, each with the deviations of its own that it has under a fit.
+        """The same flights, each with its own deviations under a fit.
 
-        Scores are linear around them: from far away, a few turns come there.
+        Scores are linear around these deviations: from far away, it takes a few turns to reach
+        them.
         """
         model = self
         for _ in range(_STANDING_TURNS if self._varying else 0):
@@ -250,7 +250,7 @@ class GantryModel:
         return model
 
     def neutral(self) -> Fit:
-        """The rig file as it is, fitted to nothing: all parameters at their priors' centres."""
+        """The rig file as it is, with nothing fitted: all parameters at their priors' centres."""
         free = self.free(())
         return Fit((), free, tuple(range(self.episodes)), neutral(free), NO_SLOPES, np.zeros(0))
 
@@ -268,13 +268,13 @@ class GantryModel:
         return self._layouts[hypothesis]
 
     def _reported_frames_s(self) -> tuple[float, ...]:
-        """The servo frame that logs tell where it is not the rig file's, the middle one of them."""
+        """The servo frame that logs show, if not the rig file's: the middle one of several."""
         reported = [f.reported_frame_s for f in self.flights]
         periods_s = [period_s(frames_s) for frames_s in reported if frames_s is not None]
         return (float(np.median(periods_s)),) if periods_s else ()
 
     def _likely_holds_s(self) -> tuple[float, ...]:
-        """Where a fit of a hold begins: its likelihood is too jagged to climb from anywhere."""
+        """Where a fit of a hold starts: its likelihood is too jagged to climb from anywhere."""
         if self._held_s is None:
             flown = [(f.sample_s[f.counted], f.repeated[f.counted]) for f in self.flights]
             self._held_s = likely_periods_s(flown, _chance(self.rig))
@@ -348,9 +348,9 @@ def _disturbance(forces: Forces, theta: FloatArray) -> tuple[FloatArray, float, 
 def _reading_noise(
     flight: Flight, theta: FloatArray, rig: Rig, forces: Forces | None = None
 ) -> FloatArray:
-    """Variance [m²] of each reading (n,): the sensor's, and of what is held, its unknown age's.
+    """Variance [m²] of each reading (n,): the sensor's, and from the unknown age of held readings.
 
-    A repeated reading says little where readings are held. Without `forces`, the sensor's alone.
+    A repeated reading says little if readings are held. Without `forces`, it is the sensor's alone.
     """
     deviation = np.maximum(math.exp(theta[3]) + theta[4] * flight.reading_m, 2e-4)
     variance = deviation**2 + rig.range_sensor.resolution_m**2 / 12.0
@@ -370,9 +370,9 @@ def _chance(rig: Rig) -> float:
 def _with_repeats(
     density: FloatArray, weight: FloatArray, flight: Flight, held: Held
 ) -> tuple[FloatArray, FloatArray]:
-    """Log densities where a reading may be the one before, held: a mixture of the two.
+    """Log densities if a reading may be a held repeat of the one before: a mixture of the two.
 
-    Weights are the probability that a reading is fresh, and no outlier.
+    Weights are the probability that a reading is fresh and no outlier.
     """
     if not held.age_s.any():
         return density, weight
@@ -385,9 +385,9 @@ def _with_repeats(
 
 
 def _repeats(flight: Flight, held: Held, chance: float) -> tuple[FloatArray, FloatArray]:
-    """How many repeats there are beyond expectation, and its variance.
+    """The number of repeats beyond expectation, and its variance.
 
-    Their likelihood is in the samples' densities; this carries its slope to the fit.
+    The repeats' likelihood is in the samples' densities; this carries its slope to the fit.
     """
     share, repeated = held.probability[flight.counted], flight.repeated[flight.counted]
     expected = float(np.mean(share + (1.0 - share) * chance))
@@ -396,7 +396,7 @@ def _repeats(flight: Flight, held: Held, chance: float) -> tuple[FloatArray, Flo
 
 
 def _nearest(times_s: FloatArray, wanted_s: FloatArray) -> np.typing.NDArray[np.int64]:
-    """Indices of the times nearest to the wanted ones (m,); a held reading's are not in order."""
+    """Indices of the times nearest to the wanted ones (m,); times of held readings are unsorted."""
     order = np.argsort(times_s, kind="stable")
     ordered = times_s[order]
     after = np.clip(np.searchsorted(ordered, wanted_s), 1, max(len(ordered) - 1, 1))
@@ -413,7 +413,7 @@ def _compared(
     ahead: FloatArray,
     noise: FloatArray,
 ) -> Forecasts:
-    """Forecast heights beside the readings that came then, interpolated between samples."""
+    """Forecast heights and the readings that came then, interpolated between samples."""
     counted = flight.counted
     step_of, _ = placed(flight.grid_s, forces.taken_s)
     # The reading is expected at the nominal height at the sample's own time, not at its step's.

@@ -1,4 +1,4 @@
-"""The free parameters of a gantry's hypothesis: where each stands, and what it means.
+"""The free parameters of a gantry's hypothesis: the place of each, and what it means.
 
 In: a rig, its own effects, and those that a hypothesis names. Out: a `Layout` that turns parameters
 into constants and effects with values. Noise comes first, then calibration, then the model's form,
@@ -28,13 +28,13 @@ NOISE = (
     "noise.range_slope",
 )
 _ACCELERATION = 0.03  # [m/s²·√s] white acceleration that friction's fine structure leaves
-# A factor of 1.5. With a form that bends, few flights can be followed by a noise that is much too
-# small; others then are not.
+# A factor of 1.5. With a form that bends, few flights could be followed by a noise that is much too
+# small; other flights then are not.
 _NOISE_SD = 0.4
 _WIDEST_SD = 5.0
-# An effect's delay comes on top of what is uncertain about the delay that was calibrated.
+# An effect's delay adds to the uncertainty of the calibrated delay.
 _ADDED = {"command.delay_s", "range.delay_s"}
-# Servo frames make the likelihood jagged in time; a difference has to reach across a few of them.
+# Servo frames make the likelihood jagged in time; a difference must reach across a few of them.
 _STEPS_S = {
     "command.delay_s": 0.002,
     "command.window_s": 0.001,
@@ -43,16 +43,16 @@ _STEPS_S = {
 }
 _STEP = 0.05  # of a prior scale
 # Flights know a thrust scale a hundred times as well as calibration does, and a term may be far
-# beyond its typical size: with a longer step samples become outliers on the way, and derivatives
+# beyond its typical size. With a longer step samples become outliers on the way, and derivatives
 # are of that.
 _SHORT_STEP = 0.005
-_NEAR_S = 0.0015  # what repeats alone may leave open of a hold
-_JAGGED_S = 1e-4  # on this scale the likelihood of a hold is jagged
+_NEAR_S = 0.0015  # the part of a hold that repeats alone may leave open
+_JAGGED_S = 1e-4  # the likelihood of a hold is jagged on this scale
 HOLD, FRAME = "range.hold_s", "disturbance.esc_frame_s"
 
 
 class Layout:
-    """Where each constant and effect parameter stands among the free parameters."""
+    """The place of each constant and effect parameter among the free parameters."""
 
     def __init__(
         self,
@@ -165,7 +165,7 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
 
 
 def _begun(f: Free, held_s: Sequence[float], frames_s: Sequence[float]) -> Free:
-    """A parameter whose fits begin where the logs themselves say so: a hold, a servo frame."""
+    """A parameter whose fits start where the logs themselves point: a hold, a servo frame."""
     if frames_s and f.name in replacing(FRAME):
         return replace(f, starts=tuple(frames_s), scanned=tuple(frames_s))
     if not held_s or f.name not in replacing(HOLD):  # the rig's own hold is known
@@ -180,7 +180,7 @@ def _begun(f: Free, held_s: Sequence[float], frames_s: Sequence[float]) -> Free:
 
 
 def _around(size: float) -> tuple[float, ...]:
-    """Sizes from half to twice as large, and closely about it: a summit may be 0.1 ms wide."""
+    """Sizes from half to twice this one, and close ones: a summit may be 0.1 ms wide."""
     far = size * np.geomspace(0.5, 2.0, 51)
     near = np.linspace(max(size - _NEAR_S, 0.5 * size), size + _NEAR_S, 61)
     return tuple(float(number) for number in np.unique(np.concatenate([far, near])))
@@ -194,7 +194,7 @@ def _scanned(p: Parameter) -> tuple[float, ...]:
 
 
 def own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
-    """The rig file's effects, each parameter with its interval as a prior."""
+    """The rig file's effects, each with its parameters' intervals as priors."""
     effects = []
     for entry in rig.effect:
         effect = effect_of(entry)

@@ -1,6 +1,6 @@
-"""Whether a log's columns can be what they are said to be: units, clocks and origins.
+"""Whether a log's columns can be what they claim: units, clocks and origins.
 
-A wrong one would not stop the fits: it would be fitted for minutes, and end in a name.
+A wrong column would not stop the fits: they would run for minutes, and end in a name.
 """
 
 import numpy as np
@@ -10,14 +10,14 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
 from wakedeploy.core.runlog import RunLog
 
-_OLDEST_S = 0.5  # of a range sample at the median: the loop gives up after half of that
-_HIGHEST = 3.0  # of the sufferer's travel; a sensor may see the floor beside its reflector
+_OLDEST_S = 0.5  # median age of a range sample: the loop gives up after half of this
+_HIGHEST = 3.0  # times the sufferer's travel; a sensor may see the floor beside its reflector
 _BEYOND_M = 0.1  # of the carriage's limits
 _SOME = 0.01  # of the ticks
 
 
 def require_plausible(log: RunLog, rig: Rig, name: str, flying: npt.NDArray[np.bool_]) -> None:
-    """UnusableInput where a column cannot be what the rig file and its unit say that it is."""
+    """UnusableInput if a column cannot be what the rig file and its unit say that it is."""
     low, high = rig.limits.pulse_us
     for column in ("sufferer_cmd_us", "source_cmd_us"):
         command = log[column][flying]
@@ -50,7 +50,7 @@ def require_plausible(log: RunLog, rig: Rig, name: str, flying: npt.NDArray[np.b
 
 
 def told_of_columns(log: RunLog, rig: Rig, flying: npt.NDArray[np.bool_]) -> list[str]:
-    """What was made of columns that are a little beyond what can be, in words."""
+    """What was made of columns that are a little beyond the possible, in words."""
     remarks = []
     low, high = rig.limits.pulse_us
     for column in ("sufferer_cmd_us", "source_cmd_us"):
@@ -65,12 +65,12 @@ def told_of_columns(log: RunLog, rig: Rig, flying: npt.NDArray[np.bool_]) -> lis
 
 
 def _middle(values: npt.NDArray[np.float64]) -> float:
-    """The median of what is known; 0 where nothing is, which others refuse."""
+    """The median of the known values; 0 if there is none, which other checks refuse."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else 0.0
 
 
 def _beyond(command: npt.NDArray[np.float64], low: float, high: float) -> float:
-    """The share of known commands that are out of bounds, rounding apart."""
+    """The share of known commands that are out of bounds by more than rounding."""
     known = command[np.isfinite(command)]
     return float(((known < low - 1.0) | (known > high + 1.0)).mean()) if len(known) else 0.0

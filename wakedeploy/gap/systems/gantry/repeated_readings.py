@@ -3,9 +3,9 @@
 In: the samples' time stamps, which readings equal the one before, and how often the sensor makes a
 new one. Out: for each sample how probably it repeats the last reading, and how old its reading is.
 
-A sensor that makes a reading every `hold_s`, by a clock of its own, shows its clock's phase by what
-it repeats: a hidden Markov model whose state is that phase, forwards and backwards. Some
-readings equal the last by chance.
+A sensor that makes a reading every `hold_s`, by its own clock, shows the clock's phase by its
+repeats: a hidden Markov model whose state is the phase, run forwards and backwards. Some readings
+equal the last by chance.
 """
 
 import math
@@ -28,17 +28,17 @@ _SURE = 0.995  # no repeat is more certain
 _PERIODS_S = np.arange(0.01, 0.3005, 0.001)
 _FINER = np.linspace(-0.001, 0.001, 21)
 _JITTER_S = 0.0015  # of either clock
-_WANDER_S = 0.0004  # by which their phase may move from sample to sample
+_WANDER_S = 0.0004  # their phase may move this far from sample to sample
 _FAR_S = 0.002
 _RULED_OUT_NATS = 25.0
-_ALIKE_NATS = 20.0  # a flight may tell the two apart by where the readings lie
+_ALIKE_NATS = 20.0  # a flight may decide between the two by where the readings lie
 
 
 class Held(NamedTuple):
-    """What the samples are, (n,) each.
+    """How the samples are held, (n,) each.
 
-    `probability` that one repeats the last reading, as those before it tell; `age_s` of its
-    reading, as all of them tell, and that age's variance [s²].
+    `probability` that a sample repeats the last reading, given those before it; `age_s` of its
+    reading, given all samples, and the variance of that age [s²].
     """
 
     probability: FloatArray
@@ -47,15 +47,15 @@ class Held(NamedTuple):
 
 
 def not_held(count: int) -> Held:
-    """What a sensor does whose every sample is a new reading."""
+    """The pattern of a sensor whose every sample is a new reading."""
     nothing = np.zeros(count)
     return Held(nothing, nothing, nothing)
 
 
 def chance_of_equals(resolution_m: float, noise_m: float) -> float:
-    """How often two fresh readings of a still height are equal, in steps of so much under noise.
+    """How often two fresh readings of a still height are equal, for a step and noise [m].
 
-    Their difference is normal with √2 times the noise; a narrow step takes its density at zero.
+    Their difference is normal with √2 times the noise; for a narrow step its density at 0 counts.
     """
     if noise_m <= 0.0:
         return _MOST_CHANCE
@@ -87,7 +87,7 @@ def held(
 def _evidence(
     sample_s: FloatArray, repeated: BoolArray, hold_s: float, chance: float, wander_s: float
 ) -> float:
-    """How likely the repeats (n,) of one flight are under a clock of this period [nats]."""
+    """The log likelihood [nats] of one flight's repeats (n,) under a clock of this period."""
     bins = _bins(hold_s)
     repeats, _ = _phases(sample_s, hold_s, bins, _JITTER_S)
     share, _ = _forward(repeats, repeated, chance, _wander(wander_s * bins / hold_s))
@@ -113,12 +113,12 @@ def _wander(deviation_bins: float) -> FloatArray:
 def likely_periods_s(
     samples: Sequence[tuple[FloatArray, BoolArray]], chance: float
 ) -> tuple[float, ...]:
-    """The clock's periods [s] that the repeats of some flights are likeliest under, best first.
+    """The clock's periods [s] under which the repeats of some flights are likeliest, best first.
 
-    `samples` are time stamps (n,) and repeats (n,) of each flight. What repeats shows the period
-    to a tenth of a millisecond, and is jagged in it: no climb would find it from far away. A phase
-    that may wander far makes it smooth enough to look at every millisecond first. There may be a
-    second one: samples that come at a steady rate repeat almost alike under a clock and under its
+    `samples` are time stamps (n,) and repeats (n,) of each flight. The repeats show the period to a
+    tenth of a millisecond, but their likelihood is jagged in it: no climb would find it from far
+    away. A phase that may wander far makes it smooth enough for a first look at every millisecond.
+    There may be a second period: samples at a steady rate repeat almost alike under a clock and its
     mirror image about half that rate (39 and 41 ms for samples every 20 ms). Periods that the first
     flight all but rules out are not looked at in the others.
     """
@@ -139,7 +139,7 @@ def likely_periods_s(
 
 
 def _highest_two(values: FloatArray) -> list[int]:
-    """Where (n,) values have their highest two summits, the highest first."""
+    """The places of the two highest summits of values (n,), the highest first."""
     before, after = np.append(-np.inf, values[:-1]), np.append(values[1:], -np.inf)
     summits = np.flatnonzero((values > before) & (values >= after))
     return [int(k) for k in summits[np.argsort(-values[summits])][:2]]
@@ -149,7 +149,7 @@ def _highest_two(values: FloatArray) -> list[int]:
 def _phases(
     sample_s: FloatArray, hold_s: float, bins: int, jitter_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Per sample and phase of the sensor's clock: how probable a repeat is, and the age [s]."""
+    """For each sample and phase of the sensor's clock: the chance of a repeat, and the age [s]."""
     n = len(sample_s)
     repeats, age_s = np.zeros((n, bins)), np.empty((n, bins))
     for k in range(n):
@@ -172,7 +172,7 @@ def _forward(
     chance: float,
     kernel: FloatArray,  # (2 r + 1,) of the phase's wandering, in bins
 ) -> tuple[FloatArray, FloatArray]:
-    """The probability of a repeat as told by the samples before (n,), and the phase's (n, b)."""
+    """The probability of a repeat given the samples before (n,), and the phase's (n, b)."""
     n, bins = repeats.shape
     probability, forward = np.zeros(n), np.empty((n, bins))
     forward[0] = 1.0 / bins
@@ -193,7 +193,7 @@ def _ages(
     chance: float,
     kernel: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Per sample (n,) the mean age [s] and its variance [s²] as told by all samples."""
+    """Each sample's mean age [s] (n,) and its variance [s²] (n,), given all samples."""
     n, bins = repeats.shape
     age, variance, backward = np.empty(n), np.empty(n), np.ones(bins)
     for k in range(n - 1, -1, -1):
@@ -207,7 +207,7 @@ def _ages(
 
 @compiled
 def _seen(repeats: FloatArray, equal: bool, chance: float) -> FloatArray:
-    """How likely a reading that equals the last one (or does not) is in each phase, (b,)."""
+    """The likelihood (b,), in each phase, of a reading that equals the last one (or does not)."""
     if equal:
         return repeats + (1.0 - repeats) * chance
     return (1.0 - repeats) * (1.0 - chance) + 1e-4
@@ -229,7 +229,7 @@ def _wandered(share: FloatArray, kernel: FloatArray) -> FloatArray:
 
 @compiled
 def _logistic(x: float) -> float:
-    """1 / (1 + exp(-x)), without the exponential where it would not show."""
+    """1 / (1 + exp(-x)), without the exponential where it would not matter."""
     if abs(x) > 30.0:
         return 1.0 if x > 0.0 else 0.0
     return 1.0 / (1.0 + math.exp(-x))

@@ -2,13 +2,12 @@
 
 In: a model and a fit. Out: residual series of four kinds, all measured minus simulated.
 
-*Force*: the balance of momentum over a quarter of a second, that is mass times gain of speed less
-every force of the model, the commands' thrust included [N].
+*Force*: the balance of momentum over a quarter of a second: mass times gain of speed, less every
+force of the model, including the commands' thrust [N].
 *Control effort*: the same balance over a second. Feedback holds the height, so the sufferer hardly
 gains speed in a second, and the command answers the force that the model lacks. The balance is then
-the thrust given beyond what the model needs for this motion, with the sign of the missing force
-[N]. The mean command would not do: it also answers the wake and the reference, which the model
-knows.
+the thrust beyond what the model needs for this motion, with the sign of the missing force [N]. The
+mean command would not do: it also answers the wake and the reference, which the model knows.
 *Height 0.25 s ahead*: open-loop replay from the filtered state [m].
 *Innovation*: each reading less what the filter predicts of it, over its standard deviation.
 """
@@ -24,7 +23,7 @@ CHANNELS = {"force": "N", "control effort": "N", "height 0.25 s ahead": "m", INN
 AHEAD_S = 0.25
 _WINDOW_S = {"force": 0.25, "control effort": 1.0}
 _EVERY_S = 0.125
-_NEXT_S = 0.1  # after the last reading, height and speed are hardly known
+_NEXT_S = 0.1  # longer after the last reading, height and speed are hardly known
 _JUST_BEFORE_S = 0.001
 
 # name: unit, and whether it is known whatever the sufferer does
@@ -46,8 +45,8 @@ COORDINATES = {
 def residuals(model: GantryModel, fitted: Fit, channel: str, episode: int) -> Residuals:
     """A channel of `CHANNELS` along one flight, in its unit; KeyError for another channel.
 
-    Fed-back coordinates are those known before the channel's window began, or the reading was
-    taken; exogenous ones, which no disturbance can change, those in its middle.
+    Fed-back coordinates are those known before the channel's window began or the reading was taken.
+    Exogenous ones, which no disturbance can change, are those at the window's middle.
     """
     if channel not in CHANNELS:
         raise KeyError(f"{channel!r} is none of {', '.join(CHANNELS)}")
@@ -66,7 +65,7 @@ def residuals(model: GantryModel, fitted: Fit, channel: str, episode: int) -> Re
 
 
 def _innovations(model: GantryModel, fitted: Fit, episode: int) -> tuple[FloatArray, FloatArray]:
-    """When the readings were taken, and their whitened innovations."""
+    """The times of the readings, and their whitened innovations."""
     flight = model.flights[episode]
     sample_s = flight.sample_s[flight.counted]
     white = model.score(fitted.hypothesis, fitted.theta, episode).white
@@ -74,7 +73,7 @@ def _innovations(model: GantryModel, fitted: Fit, episode: int) -> tuple[FloatAr
 
 
 def _ahead(model: GantryModel, fitted: Fit, episode: int) -> tuple[FloatArray, FloatArray]:
-    """When forecasts began, and by how much the reading then differed from them [m]."""
+    """The times at which forecasts began, and the reading less the forecast [m]."""
     ahead = model.forecasts(fitted, episode, (AHEAD_S,))
     error = ahead.measured_m[0] - ahead.forecast_m[0]
     known = np.isfinite(error)
@@ -127,7 +126,7 @@ def _exogenous(model: GantryModel, episode: int, t_s: FloatArray) -> dict[str, F
 def _fed_back(
     model: GantryModel, fitted: Fit, episode: int, t_s: FloatArray
 ) -> dict[str, FloatArray]:
-    """What the sufferer does at these times (m,), as far as it was known then; NaN where unknown.
+    """What the sufferer does at these times (m,), as known then; NaN where unknown.
 
     Height and speed are the filter's forecast from the last reading. The smoothed motion would not
     do: it has seen what came after, and so follows the disturbance that a residual shows.

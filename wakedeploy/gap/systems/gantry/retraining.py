@@ -1,4 +1,4 @@
-"""What the corrected rig is worth to a predictor: trained on the old and on the new simulation.
+"""What the corrected rig is worth to a predictor: training on the old and on the new simulation.
 
 In: a rig and the corrected one, measured logs. Out: two packages, their errors on the measured
 flights, and how well each pair of rig and package flies a plant that still hides the effect.
@@ -32,7 +32,7 @@ from wakedeploy.rig.file import parse_rig
 FloatArray = npt.NDArray[np.float64]
 Flown = Mapping[str, Sequence[Episode]]  # airborne stretches by flight
 
-ARCH = "history-mlp"  # of those with a memory, the one that is trained the fastest
+ARCH = "history-mlp"  # of the cores with a memory, the fastest to train
 MINUTES = 8.0
 EPOCHS = 25
 LEVEL = 0.9
@@ -51,8 +51,8 @@ class Pilot:
 class TrackingError:
     """Root mean square of the height error [mm] over flights, with its 90 % interval.
 
-    `rmse` is None where a failsafe ended a flight, and `per_flight` is so for that flight; one
-    flight has no interval.
+    `rmse` is None if a failsafe ended a flight; that flight's `per_flight` is None, too. One flight
+    has no interval.
     """
 
     rmse: float | None
@@ -71,7 +71,7 @@ class EitherRig:
 
 @dataclass(frozen=True)
 class FlownAgain:
-    """Flights of `seconds` on the same references and noise: PID alone, and with predictors."""
+    """Flights of `seconds` on the same references and noise: by PID alone, and with predictors."""
 
     unit: str
     seconds: float
@@ -95,18 +95,18 @@ def retrain(
 ) -> Retraining:
     """Train the same small predictor on both rigs' simulations; score both on measured flights.
 
-    Give flights that took no part in finding what the corrected rig has, where there are some.
+    Give flights that took no part in finding what the corrected rig has, if there are any.
 
     Both see `minutes` of the same commands and seeds, and each predicts the force at its own rig's
     lead. They are packages `old.onnx` and `new.onnx` in `out`. The result is `show.json`'s
     `retrain`: root-mean-square errors [N] with 90 % intervals over flights (None for one flight),
     and the `ratio` of the new error to the old, flights paired.
 
-    The force is measured from the logs with the *corrected* rig for both predictors, since the
-    thrust's lag has to be taken off to see it. A wrong name would favour its own predictor there,
-    so `by_old_label` tells the same errors on the force as the *old* rig measures it. A predictor
-    learns the drag of the wake alone: an effect that cuts thrust, or adds another force, is in the
-    measured force but not in either simulation's label, and raises both errors.
+    The force is measured from the logs with the *corrected* rig for both predictors, because the
+    thrust's lag must be removed to see it. A wrong name would favour its own predictor there, so
+    `by_old_label` has the same errors on the force as the *old* rig measures it. A predictor learns
+    the drag of the wake alone: an effect that cuts thrust, or adds another force, is in the
+    measured force but in neither simulation's label, and raises both errors.
 
     Raises UnusableInput without logs, without a flight long enough, or for an unknown `arch`.
     """
@@ -153,7 +153,7 @@ def fly_both(
 ) -> FlownAgain:
     """Height error of either pilot on the plant `world`, which still hides the effect.
 
-    Both fly the same references and noise, with their packages and with PID alone.
+    Both fly the same references and noise, with their packages and by PID alone.
     """
     pilots = [Pilot(before.rig), Pilot(after.rig), before, after]
     jobs = [(world, pilot, seed, seconds) for pilot in pilots for seed in seeds]
@@ -164,7 +164,7 @@ def fly_both(
 
 @dataclass(frozen=True)
 class _Job:
-    """One training: everything that its process needs."""
+    """One training, with all that its process needs."""
 
     rig_text: str
     minutes: float
@@ -176,16 +176,17 @@ class _Job:
 
 
 def _in_processes(jobs: Sequence[_Job], workers: int, steps: StepsDone) -> dict[str, Path]:
-    """Train side by side, a fresh process with one thread each: models this small gain from none.
+    """Train side by side, each in a fresh process with one thread: models this small need no more.
 
-    The number of threads is read when torch is imported, which a forked process may have behind it.
+    The number of threads is read when torch is imported; a forked process may have done that
+    before.
     """
     packages = parallel_map(_trained, jobs, workers=max(workers, 1), fresh=True, steps=steps)
     return {job.name: package for job, package in zip(jobs, packages, strict=True)}
 
 
 def _trained(job: _Job) -> Path:
-    """Simulate, train, export; the package's path."""
+    """Simulate, train, export; return the package's path."""
     from export.packaging import export_run
     from trainers.training.trainer import configure, settings_for, train
 
@@ -241,14 +242,14 @@ def rms_over_flights(sums: FloatArray) -> tuple[float, Interval]:
 def rms_ratio(old: FloatArray, new: FloatArray) -> tuple[float, Interval]:
     """Root mean square of `new` over that of `old`, (k, 2) each, flights paired, and its interval.
 
-    What makes a flight hard for both, such as a rough wake, does not widen it.
+    What makes a flight hard for both, such as a rough wake, does not widen the interval.
     """
     (first, of_first), (second, of_second) = _log_rms(old), _log_rms(new)
     return math.exp(second - first), _interval(second - first, of_second - of_first)
 
 
 def _log_rms(sums: FloatArray) -> tuple[float, FloatArray]:
-    """Logarithm of the root mean square, and by how much each flight moves it (k,)."""
+    """The logarithm of the root mean square, and how far each flight moves it (k,)."""
     squares, counts = sums.T
     mean = max(float(squares.sum() / counts.sum()), 1e-30)
     influence = (squares - mean * counts) / (2.0 * mean * counts.sum())
@@ -265,7 +266,7 @@ def _interval(value: float, influence: FloatArray) -> Interval:
 
 
 def _squares(package: Package, episodes: Sequence[Episode]) -> tuple[float, float]:
-    """Sum of squared errors [N²] and number of ticks, once the memory is full."""
+    """The sum of squared errors [N²] and the number of ticks, once the memory is full."""
     from trainers.training.targets import shift_ahead
 
     predictor, total, count = PackagePredictor(package), 0.0, 0
@@ -288,7 +289,7 @@ def _rms(flights: Flown, of: str) -> float:
 
 
 def _tracking_mm(job: tuple[Rig, Pilot, int, float]) -> float | None:
-    """One flight's error [mm]; None when a failsafe ended it."""
+    """One flight's error [mm]; None if a failsafe ended it."""
     world, pilot, seed, seconds = job
     log = record(world, seconds=seconds, seed=seed, package=pilot.package, model_rig=pilot.rig)
     if (log["mode"] == "FAILSAFE").any():

@@ -1,7 +1,7 @@
 """When the ESCs take a pulse: the servo frames of one flight.
 
 In: a run log and the rig. Out: the frames as the rig file has them, with the phase that the log's
-`applied_time_s` shows, and those that the log itself tells of where they are others.
+`applied_time_s` shows, and the frames that the log itself shows where they differ.
 """
 
 from dataclasses import dataclass
@@ -16,27 +16,27 @@ from wakedeploy.physics.effects.chain import Chain
 
 FloatArray = npt.NDArray[np.float64]
 
-_FEWEST = 20  # different times of frames that say anything
-_COHERENT = 0.7  # of the unit circle's radius: times that lie on a grid
+_FEWEST = 20  # different times of frames; fewer say nothing
+_COHERENT = 0.7  # of the unit circle's radius, from which times lie on a grid
 _SHORTEST_S, _LONGEST_S, _RATIO = 0.005, 0.1, 1.003  # periods tried
 _FITS = 0.005  # how far a period may be from the one whose frames were counted
 _SCATTER = 0.1  # of a period, 1 sd
 _CLEARLY = 1.3  # times less of its own length than the times scatter about any other period
 _EXPECTED = 0.9  # of the ticks see as many new frames as fit between two ticks
-_SEEN = 0.01  # of the ticks see one frame fewer than the others: a half period would show as two
-_NO_AGE_S = 0.001  # nearer to the ticks throughout than any frames are that do not keep step
-_OTHER_CLOCK_S = 0.5  # a pulse that is applied so long before or after is not of the ticks' clock
+_SEEN = 0.01  # of the ticks see one frame fewer than the others: half the period would show as two
+_NO_AGE_S = 0.001  # no frames are always this near to the ticks unless they keep step with them
+_OTHER_CLOCK_S = 0.5  # a pulse applied so long before or after is not on the ticks' clock
 _COARSE_S = 0.005
 _EXACT_S = 2e-5  # what a number of 32 bits leaves of a time within minutes
-_ROUNDED = 0.95  # of the unit circle's radius: ticks that lie on the same grid
-_SAME = 0.05  # a period that is further off is another one, not a board's clock
+_ROUNDED = 0.95  # of the unit circle's radius, from which ticks lie on the same grid
+_SAME = 0.05  # a period farther off is another one, not a board's clock
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
     """Times [s] at which the ESCs take a pulse over a flight.
 
-    `stated_s` (F,) are the rig file's; `reported_s` (G,) what the log says where that is another
+    `stated_s` (F,) are the rig file's; `reported_s` (G,) are the log's if that shows another
     period, else None. `doubt` is what had to be assumed, or "".
     """
 
@@ -71,10 +71,10 @@ def period_s(frames_s: FloatArray) -> float:
 def reported_period_s(seen_s: FloatArray, applied_s: FloatArray) -> float | None:
     """The servo frames' period [s] from the time of the newest frame (n,), seen at n ticks.
 
-    None where that does not tell it. The times are multiples of the period apart, but so they are
-    of its half, and with some scatter of others: between two ticks as many frames begin as fit
-    there, or one more. Of such periods the one is taken on whose grid the times scatter least, if
-    that is clear, and if both were seen: else its half might be the period. Times that are rounded
+    None if the times leave it open. They are multiples of the period apart, but also of its half
+    and, with some scatter, of others: between two ticks as many frames begin as fit there, or one
+    more. The one of these periods is taken on whose grid the times scatter least, if that is clear
+    and both counts were seen: otherwise half of it might be the period. Times that are rounded
     coarsely, or as the ticks' own are, lie on the grid of the rounding.
     """
     if len(applied_s) <= _FEWEST or _coarse(applied_s):
@@ -106,11 +106,11 @@ def reported_period_s(seen_s: FloatArray, applied_s: FloatArray) -> float | None
 
 
 def _times_of_frames(log: RunLog) -> tuple[FloatArray, FloatArray]:
-    """Ticks (n,) and the times at which the pulse seen at each was applied; none if it has none.
+    """Ticks (n,) and the times at which the pulse seen at each was applied; empty without any.
 
-    A column may copy the ticks: this one's time, a command's that is only then sent, or the tick's
-    before. It would look like frames that keep step with the loop; times of another clock would
-    look like frames of any phase.
+    A column may copy the ticks: this one's time, that of a command which is only then sent, or that
+    of the tick before. It would look like frames that keep step with the loop; times of another
+    clock would look like frames of any phase.
     """
     known = np.isfinite(log["applied_time_s"]) & (log["applied_time_s"] > 0.0)
     seen_s = np.asarray(log["t_s"][known], float)
@@ -148,7 +148,7 @@ def _coarse(applied_s: FloatArray) -> bool:
 
 
 def _phase_s(applied_s: FloatArray, frame_s: float) -> float | None:
-    """When within a servo frame [s] the ESCs take a pulse; None where the times do not tell."""
+    """When within a servo frame [s] the ESCs take a pulse; None if the times leave it open."""
     if len(np.unique(applied_s)) <= _FEWEST or frame_s <= 0.0:
         return None
     turn = np.exp(2j * np.pi * applied_s / frame_s).mean()
@@ -164,7 +164,7 @@ def _grid(frame_s: float, phase_s: float, grid_s: FloatArray) -> FloatArray:
 
 
 def _contradiction(told_s: float, rig: Rig) -> str:
-    """What the log says against the rig file, its effects included; "" where they agree."""
+    """What the log says against the rig file, its effects included; "" if they agree."""
     believed_s = Chain.of(rig).constants(constants_of(rig))["disturbance.esc_frame_s"]
     if abs(told_s - believed_s) < _SAME * told_s:
         return ""

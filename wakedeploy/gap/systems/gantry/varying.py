@@ -2,10 +2,10 @@
 
 A motor runs on a battery that was charged anew, a sensor was unplugged. One constant for all
 flights leaves a force in each, which an effect would then explain. The rig file states how much
-they vary, `[repeatability]`; each flight's own deviation is integrated out, as a random effect
+they vary, `[repeatability]`. Each flight's own deviation is integrated out, as a random effect
 (Laird and Ware, Biometrics 38, 1982): innovations are linear in it.
 
-In: a rig, one flight's scores. Out: the same scores, freed of what is the flight's own.
+In: a rig, one flight's scores. Out: the same scores, free of what is the flight's own.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ _SIMULATED = {SAG: (SAG, "sag_per_s"), "range.bias_m": ("range-bias", "bias_m")}
 
 @dataclass(frozen=True)
 class Varying:
-    """A quantity of which every flight has its own: how much it varies (1 sd), in words."""
+    """A quantity that differs between flights: how much it varies (1 sd), in words."""
 
     name: str
     words: str
@@ -33,7 +33,7 @@ class Varying:
     sd: float
 
     def moved(self, constants: Constants, effects: Chain, amount: float) -> tuple[Constants, Chain]:
-        """Constants and effects where this flight's differs by an amount, in the own unit."""
+        """Constants and effects with this flight's value moved by an amount, in its own unit."""
         if self.name != SAG:
             return {**constants, self.name: constants[self.name] + amount}, effects
         values = {effect.name: parameters for effect, parameters in effects.parts}
@@ -59,7 +59,7 @@ class Varying:
 
 
 def varying(stated_by: rig.Rig) -> tuple[Varying, ...]:
-    """What varies on this rig; () where its file states nothing."""
+    """What varies on this rig; () if its file states nothing."""
     stated = stated_by.repeatability
     known = (
         Varying("thrust.sufferer.scale", "the sufferer's thrust", "", stated.thrust),
@@ -70,7 +70,7 @@ def varying(stated_by: rig.Rig) -> tuple[Varying, ...]:
 
 
 def of_one_flight(truth: rig.Rig, stated: rig.Rig, rng: np.random.Generator) -> rig.Rig:
-    """A simulated gantry as it is in one flight: what varies, drawn as the rig file states it."""
+    """A simulated gantry in one flight: what varies is drawn as the rig file states it."""
     for quantity in varying(stated):
         truth = quantity.simulated(truth, quantity.sd * float(rng.standard_normal()))
     return truth
@@ -91,9 +91,9 @@ def own_amounts(
 
 
 def freed(score: Score, directions: FloatArray, stand: FloatArray) -> Score:
-    """The score with the flight's own deviations integrated out, linear around those it stands at.
+    """The score with the flight's own deviations integrated out, linear around `stand`.
 
-    They stand behind the samples as so many priors, each with its own deviation as innovation.
+    They follow the samples as one prior each, with its own deviation as innovation.
     """
     amounts, precision = own_amounts(score, directions, stand)
     innovation = score.innovation + directions @ (amounts - stand)

@@ -47,20 +47,20 @@ class CaseSteps:
     progress: Progress = quiet
 
     def find(self) -> Find:
-        """Where they disagree."""
+        """Find where flights and rig file disagree."""
         return find(self.case, self.out, self.progress)
 
     def name(self) -> Name:
-        """Which effect explains it."""
+        """Find which effect explains it."""
         return name(self.case, self.out, self.progress)
 
     def add(self) -> Add | Name:
-        """What matters, where a sealed flight confirms it; the answer where nothing is added."""
+        """Add what matters, if a sealed flight confirms it; the answer if nothing is added."""
         named = read_steps(self.out).name or self.name()
         return add(self.case, self.out) if named.to_add and self.case.sealed else named
 
     def show(self) -> Show:
-        """The gap before and after, on what nothing was fitted to."""
+        """Show the gap before and after, on flights that nothing was fitted to."""
         return show_gap(self.case, self.out, self.progress)
 
 
@@ -76,10 +76,10 @@ def close(
     retrain: Retrain | None = None,
     plan: bool = True,
 ) -> Result:
-    """All steps; what `result.json` says. An interruption leaves finished steps usable.
+    """Run all steps; return what `result.json` says. An interruption leaves finished steps usable.
 
-    Where a class is left and `plan` is wanted, a search for the manoeuvre that splits it follows.
-    Retraining comes last: it takes the longest, and only adds to a result that stands by then.
+    If a class is left and `plan` is wanted, a search for the manoeuvre that splits it follows.
+    Retraining comes last: it takes the longest, and only adds to a finished result.
     """
     prepare(out, rig_path)
     refuse_foreign_rig(out)  # minutes of fitting should not end at it
@@ -130,14 +130,14 @@ def result(case: Case, out: Path) -> Result:
 
 
 def write_result(out: Path, result: Result) -> Result:
-    """`result.json`, with the sentence that heads the report and what it advises to do next."""
+    """Write `result.json`, with the sentence that heads the report and what to do next."""
     steps = replace(read_steps(out), result=result)
     heads = {"headline": verdict_sentence(steps.summary), "next": advice(steps, out)}
     return write(out, result.model_copy(update=heads))
 
 
 def plan_kept(out: Path, plan: Plan) -> bool:
-    """Write `plan.json`; whether the result is of this class, and tells of the plan from now on."""
+    """Write `plan.json`; return whether the result is of this class, and so names the plan now."""
     write(out, plan)
     steps: StepArtefacts = read_steps(out)
     if steps.result is None or steps.result.rivals != plan.rivals:
@@ -158,7 +158,7 @@ def planned(rivals: Sequence[str], named: Name | None, out: Path) -> Splitting |
 
 
 def _members(named: Name) -> list[Effect]:
-    """What each effect of the class would be, as the last round that ranked it fitted it."""
+    """Each effect of the class, as the last round that ranked it fitted it."""
     leading = named.leading
     names = leading.names if leading is not None and leading.clear else named.rivals
     found = [named.ranked[name] for name in names if name in named.ranked]

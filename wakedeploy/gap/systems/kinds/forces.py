@@ -158,7 +158,7 @@ class Presliding(ForceKind):
         return np.asarray(-p["force"] * at.own_states[0])
 
     def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
-        """Of the bristles' bending, between −1 and 1."""
+        """The rate of the bristles' bending, which stays between −1 and 1."""
         return ((at.speed - np.abs(at.speed) * at.own_states[0]) / p["length"],)
 
     def turned(
@@ -308,7 +308,7 @@ class Hysteresis(ForceKind):
         return np.asarray(-p["force"] * at.own_states[0])
 
     def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
-        """Of the memory."""
+        """The rate of the memory."""
         z, v = at.own_states[0], at.speed
         return ((v - np.abs(v) * z - p["shape"] * v * np.abs(z)) / p["length"],)
 

@@ -37,7 +37,7 @@ class Parameter:
     coefficient is {"force": 1, "speed": -1}. A size whose neutral value is not 0 is a shape. With
     an `origin`, as "lowest", they are counted from that scale. `scanned` are sizes each of which
     may have a summit of its own: then the curvature at one of them says little, and no standard
-    error below the `finest_share` of a size is told. `inverse` is what 1/size is called where
+    error below the `finest_share` of a size is stated. `inverse` is what 1/size is called where
     people think in that.
     """
 

@@ -34,7 +34,7 @@ class OutputKind(Kind):
         return ()
 
     def at_once(self, p: Parameters, step_s: float) -> FloatArray | float:
-        """Of a kind with own states: the share that a reading shows of a jump in its own step.
+        """The share of a jump that a reading shows in its own step, for a kind with own states.
 
         An output that an input changes directly jumps with it, and a reading is one of its step:
         the share is a mean over the step, so that a kind vanishes as its time does.

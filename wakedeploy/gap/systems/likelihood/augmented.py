@@ -1,7 +1,7 @@
 """A system with effects that act: rates and readings of many points at once.
 
-In: a `System`, effects of its library, and values of constants and parameters. States are the
-user's, then the effects' own. Arrays are (…, L): lanes last, points beside the state before them.
+In: a `System`, effects of its library, and values of constants and parameters. The user's states
+come first, then the effects' own. Arrays are (…, L): lanes are last, points before them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -52,9 +52,9 @@ class Acting:
             role: [e for e in effects if e.port.role == role]
             for role in ("input", "force", "output", "constant", "custom")
         }
-        # What is logged is cut last: a limit is one of readings, whatever else is wrong with them.
+        # A limit on a reading acts last: readings are cut with whatever else is wrong with them.
         self._of["output"].sort(key=lambda e: isinstance(e.kind, SensorSaturation))
-        # What is commanded is cut first, so that a limit beyond all commands does nothing.
+        # A limit on a command acts first, so that one beyond all commands does nothing.
         self._of["input"].sort(key=lambda e: not isinstance(e.kind, Saturation))
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
         self._smooth = [e for e in self._of["force"] if e not in self._dry]
@@ -69,9 +69,9 @@ class Acting:
         self.is_late = bool(late and late & system.direct_outputs)
 
     def column(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
-        """What of one of the inputs (i, n · parts) reaches the system in every step, under scalars.
+        """What of an input reaches the system in every step (2, n); `driving` is (i, n · parts).
 
-        (2, n): its mean over each step, and how much more of it comes early in the step than late,
+        First its mean over each step, then how much more of it comes early in the step than late:
         the integral of (1/2 - s) u over the share s of the step. What comes early acts for longer.
         """
         parts = self.parts(name, driving, values)
@@ -80,11 +80,11 @@ class Acting:
         return np.array([parts.mean(1), (parts - parts[:, :1]) @ early])
 
     def parts(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
-        """The same in the parts of each step, (n, parts): effects act between the samples, too."""
+        """The same in the parts of each step, (n, parts): effects act between samples, too."""
         return self._affected(name, driving, values).reshape(-1, parts_in_step(self.system))
 
     def _affected(self, name: str, driving: FloatArray, values: Arrays) -> FloatArray:
-        """An input (n · parts,) behind all that acts on it, what acts before its law, too."""
+        """An input (n · parts,) after all that acts on it, and on the inputs of its law."""
         count = parts_in_step(self.system)
         step_s, in_sample = self.system.step_s / count, count * self.system.steps
         place, stated = self._inputs[name]
@@ -103,7 +103,7 @@ class Acting:
         return shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
 
     def _made(self, stated: Input, driving: FloatArray, values: Arrays) -> FloatArray:
-        """What a law makes of logged inputs as they are by then."""
+        """What a law makes of the logged inputs after all that acts on them."""
         logged = {i.name: self._affected(i.name, driving, values) for i in self.system.logged}
         return made(self.system, stated, logged)
 
@@ -117,11 +117,11 @@ class Acting:
         return (*before, *parameters)
 
     def _clock_s(self, name: str, values: Arrays) -> Any:
-        """By how much later than its stamp an input acts."""
+        """The time [s] by which an input acts later than its stamp."""
         return values.get(f"clock.{self.system.clocked(name)}", 0.0)
 
     def formed(self, values: Arrays) -> dict[str, FloatArray]:
-        """Sizes (B, L) of the bumps of each model-form term, of values (1, L) by name."""
+        """Sizes (B, L) of the bumps of each model-form term, from values (1, L) by name."""
         lanes = next(iter(values.values())).shape[1]
         none = np.zeros((1, lanes))
         return {
@@ -132,7 +132,7 @@ class Acting:
         }
 
     def constants(self, values: Arrays, time_s: FloatArray) -> Point:
-        """Values of the constants, with what acts on them."""
+        """Values of the constants, with the effects that act on them."""
         constants = {n: values.get(f"constant.{n}", v) for n, v in self._constants.items()}
         for effect in self._of["constant"]:
             kind, name = effect.kind, effect.port.name
@@ -150,7 +150,7 @@ class Acting:
     ) -> FloatArray:
         """Derivatives (k, …) of states `x` (k, …), or the next states of a discrete system.
 
-        Dry friction is left out: what it does follows from these, see `rubbed`.
+        Dry friction is left out: what it does follows from these rates, see `rubbed`.
         """
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
@@ -166,8 +166,9 @@ class Acting:
             self._force(effect, named, base, inputs, c, values, rates, own_rates)
         for effect in self._of["custom"]:
             self._custom(effect, state, driven, values, time_s, rates)
-        # A share of all that acts but dry friction, which bears what it has to: of the system's own
-        # rate alone, two forces that cancel would give the share a force of any size to act on.
+        # A share of all that acts but dry friction, which bears what it has to. A share of the
+        # system's own rate alone would let two forces that cancel give it a force of any size to
+        # act on.
         for name in self.form:
             rates[name] = rates[name] + self._form(name, named, rates, values)
         if self._of["output"]:
@@ -200,10 +201,11 @@ class Acting:
     def rubbed(
         self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What dry friction can bear at states `x` (k, L), and what a unit of it would change.
+        """What dry friction can bear at states `x` (k, L), and what a unit of it changes.
 
-        Strengths (q, L), speeds over which it turns (q, L), and changes (q, k, L) of every
-        derivative, or of the next states. Frictions of one speed are one, as strong as all.
+        Returns strengths (q, L), speeds over which it turns (q, L), and changes (q, k, L) of every
+        derivative or of the next states. Frictions on one speed count as one, as strong as all
+        together.
         """
         count, lanes = len(self.dry), x.shape[1]
         if not count:
@@ -232,7 +234,7 @@ class Acting:
         c: Point,
         values: Arrays,
     ) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """What each friction at a speed bears, and the speeds over which it turns, (L,) each."""
+        """What each friction on a speed bears, and the speed over which it turns, (L,) each."""
         port, still = self._known.get(name), 0.0 * named[name]
         if port is not None:
             strength = np.maximum(getattr(c, port.friction) + still, 0.0)
@@ -245,7 +247,7 @@ class Acting:
     def _answer(
         self, port: Port, strength: FloatArray, named: Arrays, inputs: Arrays, c: Point
     ) -> FloatArray:
-        """What a unit of force at a port changes of derivatives, or of the next states (k, L)."""
+        """How a unit of force at a port changes derivatives or next states (k, L)."""
         speed = named[port.name]
         changes = np.zeros((len(self.states), *speed.shape[1:]))
         if not strength.any():
@@ -258,7 +260,7 @@ class Acting:
             return changes
         state = Point("state", {n: named[n] for n in self.system.states})
         driven = Point("input", inputs)
-        # As strong as it is: the answer may depend on that where the system has limits of its own.
+        # At full strength: the answer may depend on it where the system has limits of its own.
         force = np.where(speed > 0.0, -1.0, 1.0) * np.where(strength > 0.0, strength, 1.0)
         free, pushed = (
             self.system.rates(state, driven, c, {port.name: f}) for f in (0.0 * force, force)
@@ -277,10 +279,10 @@ class Acting:
         measured: tuple[FloatArray, FloatArray] | None = None,
         before: Arrays | None = None,
     ) -> FloatArray:
-        """What the sensors show (m, …); near what is `measured`, with its sd, (m, L) each.
+        """What the sensors show (m, …); near `measured` and its sd, (m, L) each, if that is given.
 
-        `before` are the inputs of the step before, where `is_late`: a sensor that lags has not seen
-        what an output jumps by as its input does.
+        `before` are the inputs of the step before, where `is_late`: a lagging sensor has not yet
+        seen an output jump with its input.
         """
         named = dict(zip(self.states, x, strict=True))
         readings = self._plain(inputs, named, c, values, time_s)
@@ -322,10 +324,10 @@ class Acting:
         time_s: FloatArray,
         own_rates: dict[str, Any],
     ) -> Arrays:
-        """Inputs with what reaches the system from before the log; also the rates of that.
+        """Inputs with what reaches the system from before the log; also fills the rates of that.
 
-        An input's effects are a chain; what was on its way in one does not pass those after it, but
-        for a law.
+        An input's effects are a chain: what was on its way in one effect does not pass through
+        those after it, except for a law.
         """
         late: dict[str, Any] = {}
         dt_s = 1.0 / self.system.rate_hz
@@ -353,13 +355,13 @@ class Acting:
         return [i for i in self.system.inputs if {*made_of.get(i.name, ())} & {*late}]
 
     def _base(self, name: str, named: Arrays, rates: Arrays) -> Any:
-        """The rate of a state, of rates or of next states."""
+        """The rate of a state, from rates or from next states."""
         if self._has_step:
             return (rates[name] - named[name]) / self._dt_s
         return rates[name]
 
     def _form(self, name: str, named: Arrays, rates: Arrays, values: Arrays) -> Any:
-        """A small smooth share of the rate, over the state itself; `formed` has its sizes."""
+        """A small smooth share of the rate, over the state itself; its sizes come from `formed`."""
         at = named[name] / self.sizes[name]
         sizes = values.get(f"form.{name}")
         if sizes is None:
@@ -393,7 +395,7 @@ class Acting:
         values: Arrays,
         own_rates: dict[str, Any],
     ) -> dict[str, Any]:
-        """Rates of a system that distributes forces itself, under those of the effects."""
+        """Rates of a system that distributes forces itself, under the forces of the effects."""
         effects = self._smooth
         asks = any(e.kind.needs == ("inertia",) for e in effects)
         base = self.system.rates(state, driven, c) if asks else {}
@@ -415,7 +417,7 @@ class Acting:
         values: Arrays,
         own_rates: dict[str, Any],
     ) -> Any:
-        """The force of an effect; also the rates of its own states."""
+        """The force of an effect; also fills the rates of its own states."""
         port, kind = effect.port, effect.kind
         assert isinstance(kind, ForceKind)
         force = self._base(port.name, named, base) * inertia if kind.needs == ("inertia",) else None

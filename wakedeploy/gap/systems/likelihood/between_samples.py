@@ -1,7 +1,7 @@
-"""What an input does between two samples: kept, straight to the next, or as a smooth signal.
+"""What an input does between two samples: it is held, goes straight to the next, or is smooth.
 
-In: samples of an input, and how it holds. Out: what it is in every step of the model. A sampled
-signal that is held instead lags by half a sample, which hides whatever else a fast system lacks.
+In: samples of an input, and how it holds. Out: what it is in every step of the model. If a sampled
+signal is held, it lags by half a sample, which hides whatever else a fast system lacks.
 """
 
 import numpy as np
@@ -17,9 +17,9 @@ _BETA = 8.0  # of Kaiser's window: 80 dB
 def between(samples: FloatArray, hold: str, steps: int) -> FloatArray:
     """The input in the middle of `steps` equal steps after every sample, (n,) to (n · steps,).
 
-    "step" keeps a sample, "linear" goes straight to the next. "bandlimited" goes on as a signal
-    does that has nothing beyond half the samples' rate (Shannon, Proc. IRE 37, 1949); what is
-    within a tenth of that rate is damped, and beside a jump such a signal swings over.
+    "step" holds a sample, "linear" goes straight to the next. "bandlimited" is the signal without
+    anything above half the samples' rate (Shannon, Proc. IRE 37, 1949); within a tenth of that rate
+    it is damped, and beside a jump it overshoots.
     """
     n = len(samples)
     if hold == "step" or n < 2:
@@ -27,6 +27,6 @@ def between(samples: FloatArray, hold: str, steps: int) -> FloatArray:
     if hold == "linear":
         middles = (np.arange(n * steps) + 0.5) / steps
         return np.asarray(np.interp(middles, np.arange(n), samples))
-    half = 1 / (2 * steps)  # of the finer signal's rate; its every second value is a middle
+    half = 1 / (2 * steps)  # of the finer signal's rate; every second value is a middle
     low_pass = firwin(4 * _REACH * steps + 1, half, window=("kaiser", _BETA))
     return np.asarray(resample_poly(samples, 2 * steps, 1, window=low_pass, padtype="line"))[1::2]

@@ -1,8 +1,8 @@
 """Recordings of a system, at its rate and cut into blocks: the episodes of the gap workflow.
 
-A block is scored in pieces that run beside each other. A piece begins some samples earlier than
-what it is scored on, so that its filter has settled; at the beginning of a log it cannot, and its
-first samples are not scored.
+A block is scored in pieces that run side by side. A piece begins some samples before those that it
+is scored on, so that its filter has settled. At the beginning of a log it cannot, and its first
+samples are not scored.
 """
 
 import itertools
@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 BLOCKS, SHORTEST = 16, 40  # blocks in all, samples of one
-_PIECE, _WARM = 600, 60  # samples scored in a piece, and before
+_PIECE, _WARM = 600, 60  # samples scored in a piece, and before it
 _MOST_MISSING = 0.05
 _RATE_TOLERANCE = 0.01
 _WITHIN = 8  # parts of a sample, in which inputs are followed
@@ -33,9 +33,9 @@ _WITHIN = 8  # parts of a sample, in which inputs are followed
 class Log:
     """A recording at the system's rate: inputs (i, n), outputs (m, n), NaN where not measured.
 
-    Inputs are the means of the `rows` that a sample has, outputs the newest reading since the
-    sample before; `driving` (i, n · steps · parts) is what inputs are in every part of each of the
-    model's steps, between the samples too.
+    Inputs are the means of a sample's `rows`, outputs the newest reading since the sample before;
+    `driving` (i, n · steps · parts) is each input in every part of each of the model's steps,
+    between the samples, too.
     """
 
     name: str
@@ -59,8 +59,8 @@ class Block:
 class Pieces:
     """Pieces of blocks as columns: `sample` (T, S) in the log, `log` (S,), and what is scored.
 
-    `scored` (T, S); `block` (S,) the place of its block among those asked for. Beyond the end of a
-    piece its last sample is repeated, and not scored.
+    `scored` (T, S) marks what is scored; `block` (S,) is the place of its block among those asked
+    for. Beyond the end of a piece its last sample is repeated, and not scored.
     """
 
     sample: IntArray
@@ -73,8 +73,8 @@ class Pieces:
 def logs_of(system: System, recordings: Sequence[Recording]) -> list[Log]:
     """Recordings brought to the system's rate: inputs as means, outputs as samples.
 
-    Raises UnusableInput for a missing column, a rate that the system's does not divide, an input
-    with many gaps, an output that never changes.
+    Raises UnusableInput for a missing column, a rate that is no multiple of the system's, an input
+    with many gaps, or an output that never changes.
     """
     if not recordings:
         raise UnusableInput("no recordings; give at least one.")
@@ -121,7 +121,7 @@ def _log(system: System, recording: Recording) -> Log:
 
 
 def _readings(rows: FloatArray, every: int) -> FloatArray:
-    """Of each sample's rows up to its own, the newest reading that was measured."""
+    """Each sample's newest measured reading, of the rows since the sample before it."""
     before = np.full(every - 1, np.nan)
     each = np.concatenate([before, rows])[: len(rows)].reshape(-1, every)
     newest = every - 1 - np.argmax(np.isfinite(each[:, ::-1]), axis=1)
@@ -129,14 +129,14 @@ def _readings(rows: FloatArray, every: int) -> FloatArray:
 
 
 def parts_in_step(system: System) -> int:
-    """In how many parts of each of the model's steps inputs are followed."""
+    """The number of parts of a model's step in which inputs are followed."""
     return max(_WITHIN // system.steps, 1)
 
 
 def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:
-    """An input in each part of the model's steps: its mean there, of `every` rows in a sample.
+    """An input in each part of the model's steps: its mean there, from `every` rows in a sample.
 
-    It is late by parts and not by rows, as a dead time that is found is.
+    Its delay is taken in parts, not in rows, just as a dead time that is found is.
     """
     parts = system.steps * parts_in_step(system)
     finer = parts // math.gcd(parts, every)
@@ -145,7 +145,7 @@ def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> Flo
 
 
 def driving_of(system: System, logged: Mapping[str, FloatArray]) -> FloatArray:
-    """All inputs (i, N), of the logged ones (N,) by name in each part of the model's steps."""
+    """All inputs (i, N), from the logged ones (N,) by name, in each part of the model's steps."""
     rows = [logged[i.name] if i.law is None else made(system, i, logged) for i in system.inputs]
     return np.array(rows)
 
@@ -158,7 +158,7 @@ def made(system: System, stated: Input, logged: Mapping[str, FloatArray]) -> Flo
 
 
 def _check_laws(system: System, recording: Recording, driving: FloatArray) -> None:
-    """Whether laws give numbers all along a recording, and act within it."""
+    """Check that laws give numbers all along a recording, and act within it."""
     for stated, row in zip(system.inputs, driving, strict=True):
         _check_delay(stated, recording)
         if not np.all(np.isfinite(row)):

@@ -1,8 +1,8 @@
-"""What clocks and stamps of a log do that looks like an effect: inputs that come late, or outputs.
+"""Faults of a log's clocks and stamps that look like an effect: inputs or outputs that are late.
 
 In: a `LogModel` and a fit. Out: inputs that come later than the outputs that they drive, which no
-effect does, and delays that may be rows of a log. A search that is asked all the same names what
-comes nearest.
+effect does, and delays that may be rows of a log. A search that is run all the same names the
+effect that comes nearest.
 """
 
 import copy
@@ -20,18 +20,18 @@ from wakedeploy.gap.systems.likelihood.filter import Filter
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
 
-_FEWEST, _MOST = 2, 64  # samples that an input may be late; one is a matter of how logs are stamped
+_FEWEST, _MOST = 2, 64  # samples that an input may be late; one depends on how logs are stamped
 _NEAR = (1, 2, 4)  # samples that are always tried, and how many more that errors point at
 _LIKELY = 3
 _EARLIER, _LATER = 1, -1
-_ONE_ROW = 0.2  # of a sample, by which a delay of one may miss it
+_ONE_ROW = 0.2  # of a sample: a delay this near to one sample counts as one row
 
 
 def late_inputs(model: "LogModel", base: Fit, found: Fit | None = None) -> dict[str, float]:
-    """Inputs by name, and how late each is [s]; those that are on time are not there.
+    """How late each input is [s], by name; inputs on time are left out.
 
-    Where something is missing, as drag, outputs may lead what the base expects. If effects `found`
-    explain more than an earlier input does, inputs are asked beside these.
+    If something is missing, as drag, outputs may lead what the base expects. If effects `found`
+    explain more than a shift of the input does, the shift is sought again on top of them.
     """
     late = {}
     for i, stated in enumerate(model.system.inputs):
@@ -48,9 +48,9 @@ def late_inputs(model: "LogModel", base: Fit, found: Fit | None = None) -> dict[
 
 
 def late_by_a_row(model: "LogModel", found: Fit) -> list[str]:
-    """Effects that were found to be delays of one sample, of a system that shows an input directly.
+    """Effects found as delays of one sample, if some output shows an input directly.
 
-    A controller that logs what it reads, and what it then commands, in one row makes them.
+    A controller makes such delays if it logs what it reads, and what it then commands, in one row.
     """
     if not model.system.direct_outputs:
         return []
@@ -60,9 +60,9 @@ def late_by_a_row(model: "LogModel", found: Fit) -> list[str]:
 
 
 def _late_by(model: "LogModel", base: Fit, place: int) -> int:
-    """By how many samples an input is late; 0 where a delay of the system explains as much.
+    """The number of samples that an input is late; 0 where a delay of the system explains as much.
 
-    Of an input that repeats itself a delay and a lead are the same.
+    For a periodic input a delay and a lead are the same.
     """
     gained, samples = _best(model, base, place, _EARLIER)
     if samples < _FEWEST or gained < RULES.late_nats:
@@ -72,9 +72,9 @@ def _late_by(model: "LogModel", base: Fit, place: int) -> int:
 
 
 def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, int]:
-    """What the system gains most by where an input comes earlier, or later; by so many samples.
+    """The most that a shift of an input earlier or later gains [nats], and its samples.
 
-    A first look leaves the fit as it is, which has followed the input as well as it could.
+    This first look keeps the fit, which has followed the input as well as it could.
     """
     seen = _nats(model, base)
     tried = {*_NEAR, *_likely(model, base, place, way)}
@@ -100,9 +100,9 @@ def _best(model: "LogModel", base: Fit, place: int, way: int) -> tuple[float, in
 
 
 def _likely(model: "LogModel", base: Fit, place: int, way: int) -> list[int]:
-    """The shifts at which errors of the next reading follow changes of the input best.
+    """The shifts at which errors of the next reading best follow changes of the input.
 
-    An error shows at the sample after, so that the shifts before those are likely, too.
+    An error shows one sample later, so the shifts before those are likely, too.
     """
     found = np.zeros(_MOST)
     scores = model.scores(base.hypothesis, base.theta[None], base.episodes)[0]
@@ -129,7 +129,7 @@ def _nats(model: "LogModel", base: Fit) -> float:
 
 
 def _moved(model: "LogModel", place: int, samples: int) -> "LogModel":
-    """The model of logs in which one input comes earlier; later by a number below 0."""
+    """The model of logs in which one input comes earlier; later if `samples` is negative."""
     logs = [_shifted(log, place, samples) for log in model.logs]
     moved = copy.copy(model)
     moved.logs = logs
@@ -147,5 +147,5 @@ def _shifted(log: Log, place: int, samples: int) -> Log:
 
 
 def _advanced(row: FloatArray, samples: int) -> FloatArray:
-    """A row that comes so many samples earlier; its last value is held, or its first."""
+    """A row moved `samples` samples earlier; its last value is held, or its first."""
     return row[np.clip(np.arange(len(row)) + samples, 0, len(row) - 1)]

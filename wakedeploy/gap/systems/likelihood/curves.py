@@ -1,6 +1,6 @@
-"""Inputs by whose curve a system is driven: behind a curve within its equations stands no port.
+"""Inputs that drive a system by a curve: no port stands behind a curve within its equations.
 
-In: a `LogModel`. Out: such inputs, and what an answer may have taken for a lag behind their curve.
+In: a `LogModel`. Out: these inputs, and what an answer may have taken for a lag behind their curve.
 """
 
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 _PLACES, _ALONG = 40, 9  # samples of the logs that are looked at, and values of an input there
-_BENT = 0.05  # of the way that a rate goes: so far from a straight line it is a curve
-_MOVES = 1e-9  # of a rate: what changes by less is rounding
+_BENT = 0.05  # of the way that a rate goes: a curve is this far from a straight line
+_MOVES = 1e-9  # of a rate: a smaller change is rounding
 
 
 def curves(model: "LogModel") -> dict[str, tuple[str, ...]]:
-    """States whose rates go with a curve of an input where the logs have been, by that input.
+    """By input, the states whose rates follow a curve of it in the range of the logs.
 
     A limit, a dead zone and a table are curves, too.
     """
@@ -58,9 +58,9 @@ def _is_bent(rates: FloatArray) -> bool:
 
 
 def taken_for(model: "LogModel", named: Sequence[str]) -> list[str]:
-    """Inputs for a lag behind whose curve some of the named effects may stand.
+    """Inputs with a curve where a lag behind it may be what some named effects stand for.
 
-    That are those that say the input is slow, or an output that the curve's states drive.
+    These effects say that the input is slow, or an output that the curve's states drive.
     """
     slow = [model.library[n].port for n in named if model.library[n].kind.is_slow]
     outputs = {o.name for o in model.system.outputs}

@@ -28,7 +28,7 @@ OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _OWN_STATES = 6  # samples more that settle what effects may add; the same for every hypothesis
 _GATHERED = 64  # steps whose inputs are gathered at once
-_LOST = 1e12  # in its own unit: a state that far away has left the model
+_LOST = 1e12  # in its own unit: a state this far away has left the model
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +41,10 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Driving:
-    """Inputs of lanes in a step, (1, L) by name: their `mean`, and what of them comes `early`.
+    """Inputs of lanes in a step, (1, L) by name: their `mean`, and how much comes `early`.
 
-    The latter is empty where no input changes within any step. `before` are means in the step
-    before, where sensors do not follow at once.
+    `early` is empty if no input changes within a step. `before` are means in the step before, if
+    some sensor does not follow at once.
     """
 
     mean: Mapping[str, FloatArray]
@@ -54,9 +54,9 @@ class Driving:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a filter told: `statistics` (4, T, m, K, S) and the corrected states (T, k + d, K, S).
+    """A filter's output: `statistics` (4, T, m, K, S) and the corrected states (T, k + d, K, S).
 
-    The last d of them are the lasting pushes on the driven states.
+    The last d of the states are the lasting pushes on the driven states.
     """
 
     statistics: FloatArray
@@ -69,8 +69,8 @@ class Noise:
     """What disturbs lanes, (…, L): variances of sensors, sd of white pushes, and lasting ones.
 
     A lasting push has the sd `lasting`, keeps the share `keep` of itself from one sample to the
-    next, and gets fresh noise of sd `fresh`: an Ornstein–Uhlenbeck process. It stands for whatever
-    acts on a rate and is not white, what the model lacks included, so that innovations are white
+    next, and gets fresh noise of sd `fresh`: an Ornstein–Uhlenbeck process. It stands for all that
+    acts on a rate and is not white, including what the model lacks, so that innovations are white
     under every hypothesis.
     """
 
@@ -82,11 +82,10 @@ class Noise:
 
     @classmethod
     def of(cls, system: System, driven: Sequence[str], values: Mapping[str, FloatArray]) -> "Noise":
-        """From parameters by name, (1, L) each: of one of the model's steps.
+        """The noise in one of the model's steps, from parameters by name, (1, L) each.
 
-        Nothing lasts where no parameter says so.
-
-        White noise is stated by the sd of its mean over a sample; that over a step is larger.
+        Nothing lasts if no parameter says so. White noise is stated by the sd of its mean over a
+        sample; the sd over a step is larger.
         """
         lanes = next(iter(values.values())).shape[1]
 
@@ -103,7 +102,7 @@ class Noise:
 
 
 class Stepping:
-    """Takes lanes of states and covariances a step on; without noise nothing disturbs them."""
+    """Takes lanes of states and covariances one step on; without noise nothing disturbs them."""
 
     def __init__(
         self, acting: Acting, aside: FloatArray, noise: Noise | None = None, driven: Any = ()
@@ -137,7 +136,7 @@ class Stepping:
                 *acting.rubbed(x[:k], u.mean, *given))  # fmt: skip
 
     def _twice(self, mean: FloatArray, early: FloatArray) -> FloatArray:
-        """An input at all points: its mean, and at the last one with what comes early."""
+        """An input at all points: its mean; at the last point plus what comes early."""
         rows = np.empty(self._points.shape[1:])
         rows[:-1], rows[-1] = mean, mean + early
         return rows
@@ -147,12 +146,12 @@ class Inputs:
     """Columns (K, 2, N · steps) of every input by name: means, and what comes early in a step."""
 
     def __init__(self, columns: Mapping[str, FloatArray], begins: IntArray | None) -> None:
-        """`begins` are the logs' first steps, where the step before counts."""
+        """`begins` are the logs' first steps, if the step before counts; else None."""
         self._columns, self._begins = columns, begins
         self._is_bent = any(rows[:, 1].any() for rows in columns.values())
 
     def at(self, sets: Any, step: IntArray) -> Driving:
-        """In steps of parameter sets, an index of each: (1, L)."""
+        """The inputs in some steps, with the parameter set of each: (1, L)."""
         early = self._part(1, sets, step) if self._is_bent else {}
         before: Mapping[str, FloatArray] = {}
         if self._begins is not None:
@@ -160,7 +159,7 @@ class Inputs:
         return Driving(self._part(0, sets, step), early, before)
 
     def along(self, at: IntArray, steps: int) -> Iterator[Driving]:
-        """In every step of samples `at` (T, S), one after another: of all sets, (1, L)."""
+        """The inputs in every step of samples `at` (T, S), in order, for all sets: (1, L)."""
         samples = max(_GATHERED // steps, 1)
         for first in range(0, len(at), samples):
             some = steps * at[first : first + samples, None, :] + np.arange(steps)[:, None]
@@ -176,7 +175,7 @@ class Inputs:
                 )
 
     def _gathered(self, part: int, step: IntArray) -> dict[str, FloatArray]:
-        """In steps (C, S), of all parameter sets: (C, 1, L)."""
+        """Inputs in steps (C, S) for all parameter sets: (C, 1, L)."""
         return {
             n: np.moveaxis(rows[:, part, step], 0, 1).reshape(len(step), 1, -1)
             for n, rows in self._columns.items()
@@ -199,7 +198,7 @@ class Filter:
     ) -> None:
         self.logs, self.blocks, self.starts = logs, blocks, starts
         self.driven, self.outliers = tuple(driven), outliers
-        self.stretch = (1, 1)  # so many samples, and so many readings of them that are looked at
+        self.stretch = (1, 1)  # the samples of a stretch, and those of its readings looked at
         self._offset = np.cumsum([0, *(log.outputs.shape[1] for log in logs)])
         self._logged = np.concatenate([log.inputs for log in logs], axis=1)
         self._driving = np.concatenate([log.driving for log in logs], axis=1)
@@ -218,7 +217,7 @@ class Filter:
         outputs: FloatArray | None = None,
         all_readings: bool = False,
     ) -> Run:
-        """Over some blocks, for parameter sets `values` of arrays (K,)."""
+        """Run over some blocks, for parameter sets `values` of arrays (K,)."""
         blocks = [self.blocks[e] for e in episodes]
         unsettled = acting.system.unheard + 2 * len(acting.system.states) + _OWN_STATES
         pieces = pieces_of(blocks, unsettled)
@@ -279,9 +278,9 @@ class Filter:
     ) -> list[FloatArray]:
         """Measured less forecast (m, n) of each block, NaN where nothing is forecast.
 
-        From every `horizon`-th sample the model goes on alone, uncorrected by measurements; where
-        it begins, all readings say, also those that are passed over otherwise.
-        `chosen` says which parameter set is each block's; the first if it is not given.
+        From every `horizon`-th sample the model goes on alone, without measurements. All readings
+        say where it begins, also those that are otherwise passed over. `chosen` says which
+        parameter set is each block's; by default the first.
         """
         run = self.run(acting, values, episodes, all_readings=True)
         every = [(t, s) for s in range(run.pieces.sample.shape[1])
@@ -358,9 +357,10 @@ class Filter:
         samples: int,
         finer: int = 1,
     ) -> FloatArray:
-        """Readings (m, S) some samples after those at the places `at` (S,), from guessed states.
+        """Readings (m, S) `samples` after those at the places `at` (S,), from guessed states.
 
-        Each of the model's steps is taken in `finer` ones, the inputs held over them all.
+        Each of the model's steps is taken in `finer` smaller ones; the inputs are held over them
+        all.
         """
         inputs, lanes = self.arriving(acting, values), len(at)
         spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
@@ -377,7 +377,7 @@ class Filter:
         return acting.readings(x[:, None, :], u.mean, *given, None, u.before)[:, 0]
 
     def _passed_over(self, measured: FloatArray, pieces: Pieces) -> npt.NDArray[np.bool_]:
-        """Which readings (T, m, S) are not looked at: all but a channel's first of each part.
+        """The readings (T, m, S) that are not looked at: all but a channel's first of each part.
 
         All readings before the scored part of a piece are looked at, so that its filter settles.
         """
@@ -463,12 +463,12 @@ class Filter:
         return np.ascontiguousarray(x), p
 
     def _places(self, acting: Acting) -> IntArray:
-        """Where the driven states stand among all."""
+        """The places of the driven states among all states."""
         return np.array([acting.states.index(n) for n in self.driven], dtype=np.int64)
 
     def aside(self, acting: Acting, lanes: int) -> FloatArray:
         """How far beside each state a Jacobian looks, (k, lanes)."""
-        # What an effect adds at an input or a sensor is as large as that; of a force it is about 1.
+        # What an effect adds at an input or a sensor has that size; its part in a force is about 1.
         port_sizes = {
             name: effect.scales.sizes[effect.port.role]
             for effect in acting.effects
@@ -482,7 +482,7 @@ class Filter:
 def points_around(x: FloatArray, aside: FloatArray, points: FloatArray | None = None) -> FloatArray:
     """The first k states of `x` (≥ k, L) and those beside them in each direction, (k, k + 1, L).
 
-    `points`, if it is given, is where they are written.
+    `points`, if given, is written to.
     """
     k = len(aside)
     points = np.empty((k, k + 1, x.shape[1])) if points is None else points

@@ -1,7 +1,7 @@
 """First guesses of a system's states along its logs, before anything is fitted.
 
-In: a system and its logs. Out: for each log, states along it that outputs, their slopes and the
-user's `start` tell, and where the others begin.
+In: a system and its logs. Out: for each log, the states along it that follow from outputs, their
+slopes and the user's `start`, and where the others begin.
 """
 
 from collections.abc import Mapping
@@ -26,15 +26,15 @@ class InitialStates:
     first: Mapping[str, float]
 
     def stacked(self, system: System, count: int) -> FloatArray:
-        """States (n, N): those known only at first keep that value, and unknown ones are 0."""
+        """States (n, N): those known only at first keep that value; unknown ones are 0."""
         rows = [self.along.get(n, np.full(count, self.first.get(n, 0.0))) for n in system.states]
         return np.array(rows)
 
 
 def initial_states(system: System, log: Log, kinematic: Mapping[str, str]) -> InitialStates:
-    """What a log shows of states. `kinematic`: states by the state that they are the derivative of.
+    """What a log shows of states. `kinematic` names the state that each is the derivative of.
 
-    Raises UnusableInput for a `start` that returns something else than finite numbers.
+    Raises UnusableInput for a `start` that does not return finite numbers.
     """
     smooth = {
         o.name: _smoothed(_filled(values))

@@ -1,10 +1,10 @@
-"""What still acts on a system and is explained by nothing named: where, how large, how lasting.
+"""What still acts on a system although nothing named explains it: where, how large, how lasting.
 
 In: a `LogModel` and a fit. Out: for each driven rate the lasting push that the filter has to
-assume, if it is no small share of the rate; the law that it seems to follow, and what forecasts
+assume, if it is no small share of the rate; the law that it seems to follow; and what forecasts
 would gain by that law. A law is any function of one coordinate, straight between knots, or of one
-coordinate and the direction of motion. What follows no such law acts as a disturbance does. Laws
-are looked for far ahead: of the next reading a push that drifts tells as much.
+coordinate and the direction of motion. A push that follows no such law acts like a disturbance.
+Laws are sought far ahead: a push that drifts predicts the next reading as well.
 """
 
 import itertools
@@ -29,16 +29,16 @@ from wakedeploy.gap.systems.system import Port
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
 
-_KNOTS, _FEWER_KNOTS = 16, 6  # of a law over a coordinate, of one that has a direction as well
-_TURNS = 0.02  # of the usual speed, over which a direction turns
+_KNOTS, _FEWER_KNOTS = 16, 6  # of a law over a coordinate; of one that has a direction as well
+_TURNS = 0.02  # of the usual speed: a direction turns over this range
 
 
 def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
-    """Pushes that are no small share of their rate, or whose law forecasts gain by; largest first.
+    """Pushes that are no small share of their rate, or whose law improves forecasts; largest first.
 
-    A large one does not matter if no law is evident in it, or if forecasts of blocks surely gain
-    little by the law; a small one matters if they surely gain. As large as half of the usual rate
-    it matters in any case. Where effects were named, only large ones are asked about.
+    A large one does not matter if no law is evident in it, or if the law surely improves forecasts
+    of blocks little; a small one matters if it surely improves them. Above half of the usual rate
+    it always matters. If effects were named, only large pushes are asked about.
     """
     large, small = [], []
     for k, name in enumerate(model.driven):
@@ -70,7 +70,7 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
 
 
 def _refitted(model: "LogModel", fitted: Fit) -> tuple["LogModel", Fit]:
-    """The model asked far ahead, where no push takes a law's place, and its fit."""
+    """The model asked far ahead, where no push replaces a law, and its fit."""
     asked = model.thinned()
     asked = asked.far_ahead() or asked
     if asked is model:
@@ -81,13 +81,13 @@ def _refitted(model: "LogModel", fitted: Fit) -> tuple["LogModel", Fit]:
 
 
 def _is_gained_by(push: Leftover) -> bool:
-    """Whether forecasts surely gain by a push's law, so much that something must be missing."""
+    """Whether a push's law surely improves forecasts, and by enough that something is missing."""
     law = push.law
     return law is not None and law.removes > RULES.unexplained_share and law.low > 0.0
 
 
 def _asked(model: "LogModel", fitted: Fit, push: Leftover) -> Leftover:
-    """A push with the most evident law that it follows, and what that is worth."""
+    """A push with the most evident law that it follows, and what the law is worth."""
     laws = _laws(model, push)
     wider = model.with_effects(laws)
     ground = Ground.of(fitted)
@@ -101,19 +101,19 @@ def _asked(model: "LogModel", fitted: Fit, push: Leftover) -> Leftover:
     ):
         law = _worth(wider, fitted, best, laws[best.name])
     matters = law is not None and law.high >= RULES.unexplained_share
-    if by_block:  # there evidence alone says little, as a disturbance shows in many innovations
+    if by_block:  # evidence alone says little, as a disturbance shows in many innovations
         matters = matters and law is not None and law.low > 0.0
     matters = matters or push.share > RULES.unknown_push
     return push.model_copy(update={"law": law, "matters": matters})
 
 
 def _merit(look: Look) -> float:
-    """What a law promises [nats], each of its knots at the price of one that chance would bring."""
+    """What a law promises [nats], less the gain by chance of each of its knots."""
     return float(look.promised - look.columns[0].shape[1])
 
 
 def _worth(model: "LogModel", fitted: Fit, look: Look, law: Effect) -> Law:
-    """What forecasts gain by a law, fitted."""
+    """What forecasts gain by a law once it is fitted."""
     hypothesis = (*fitted.hypothesis, law.name)
     start = look.fit.theta if look.fit.objective > fitted.objective else None
     if start is None:
@@ -154,8 +154,8 @@ def _law(
 ) -> Effect:
     """An effect on a state's rate that is any function of a coordinate, straight between knots.
 
-    Its parameters are the height at the first knot and what each further one adds: where logs say
-    nothing, a law goes on as beside it.
+    Its parameters are the height at the first knot and the change at each further one; where logs
+    say nothing, a law goes on as beside it.
     """
     per_step = 1.0 / model.system.rate_hz if model.system.has_step else 1.0
     names = ["first", *(f"added_{k}" for k in range(1, len(knots)))]
@@ -180,7 +180,7 @@ def _law(
 
 
 def _straight(at: Any, knots: FloatArray, heights: Sequence[Any]) -> Any:
-    """What lies between knots on straight lines, beyond them as at the last one."""
+    """Straight lines between knots; beyond them the value at the last one."""
     if len(knots) < 2:
         return heights[0] + 0.0 * at
     at = np.clip(at, knots[0], knots[-1])
@@ -196,7 +196,7 @@ def _straight(at: Any, knots: FloatArray, heights: Sequence[Any]) -> Any:
 
 
 def _followed(model: "LogModel", fitted: Fit, place: int) -> Followed | None:
-    """The coordinate that tells most of a push."""
+    """The coordinate that explains most of a push; None if none explains enough."""
     push, at = _tracked(model, fitted, place)
     best: Followed | None = None
     for name, (unit, values) in at.items():

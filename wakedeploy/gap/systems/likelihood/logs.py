@@ -1,9 +1,9 @@
 """Logs of any system as a `Model`: what is free in every hypothesis, and how likely blocks are.
 
 In: a `System` and recordings. Out: scores of blocks under hypotheses, many parameter sets at once.
-Free in every hypothesis, the base included: noise of sensors and of rates,
-clocks within a sample, constants within their spreads, and a small smooth error of each rate's form
-(Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001).
+Free in every hypothesis, the base included, are noise of sensors and of rates, clocks within a
+sample, constants within their spreads, and a small smooth error of each rate's form (Kennedy and
+O'Hagan, J. R. Stat. Soc. B 63, 2001).
 """
 
 import copy
@@ -31,17 +31,17 @@ from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.system import Point, System
 
 _TOGETHER = 15000  # samples times effects that are looked at in one run
-# Pieces times parameter sets up to which a step of the filter costs no more than twice that of one.
+# Pieces times parameter sets up to which a step of the filter costs at most twice that of one.
 _LANES_AT_ONCE = 300
 _SEARCHED = 24000  # samples times states that a search looks at
 _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
-_ENDS = 0.995  # the same of the way: one reading that strays is no end of it
-_FEW = 3  # samples between readings, from which they are few
+_ENDS = 0.995  # the same for how far a state goes: one stray reading is no end of it
+_FEW = 3  # samples between readings, from which readings are few
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _LN_SD = 2.0
-# ln sd by which a sensor may be better than stated, or than guessed: a filter that trusts a sensor
-# without limit takes the time within a sample at which a force turned for a force.
+# ln sd by which a sensor may be better than stated or guessed: a filter that trusts a sensor
+# without limit takes the moment within a sample at which a force turned for a force.
 _BETTER, _MUCH_BETTER = 1.0, 6.0
 _USUAL_PUSH, _SHORTEST_PUSH, _LONGEST_PUSH = 15, 2, 300  # samples that a push on a rate lasts
 
@@ -83,12 +83,12 @@ class LogModel(ComparisonDefaults):
         self.horizon = self._horizon()  # samples over which a forecast goes
 
     def offer(self, effects: Mapping[str, Effect]) -> None:
-        """Have those of other logs, too, that these logs have no reason to look for."""
+        """Add effects of other logs that these logs have no reason to look for."""
         self.library |= {n: e for n, e in effects.items() if n not in self.library}
         self.effects = {name: effect.free for name, effect in self.library.items()}
 
     def require_effects(self) -> None:
-        """UnusableInput where nothing can be asked for: "nothing is missing" would be no answer."""
+        """UnusableInput if no effect can be asked for: "nothing is missing" would be no answer."""
         if self.library:
             return
         if self.system.ports:
@@ -111,9 +111,9 @@ class LogModel(ComparisonDefaults):
         return self.blocks[episode].log
 
     def thinned(self) -> "LogModel":
-        """The same of long logs, with the first samples of each block alone; else itself.
+        """The same with the first samples of each block alone, if the logs are long; else itself.
 
-        Which effect is missing shows in some thousand samples; how large it is, all of them say.
+        Some thousand samples show which effect is missing; all of them say how large it is.
         """
         enough = max(_SEARCHED // len(self.system.states) // self.episodes, 2 * self.horizon)
         if max(b.stop - b.start for b in self.blocks) <= enough:
@@ -126,11 +126,11 @@ class LogModel(ComparisonDefaults):
         return part
 
     def far_ahead(self) -> "LogModel | None":
-        """The same, asked to predict far ahead: few readings a forecast, and no push that lasts.
+        """The same, asked to predict far ahead: few readings per forecast, and no push that lasts.
 
-        Of the next reading, a push that drifts tells as much as a law does, the more so where
+        A push that drifts predicts the next reading as well as a law does, the more so where
         readings repeat; but what is fitted to such predictions may err after a forecast's length.
-        None where a forecast is so short that all its readings would be looked at.
+        None if a forecast is so short that all its readings would be looked at.
         """
         if self.horizon < _FEW * RULES.readings_ahead:
             return None
@@ -148,17 +148,17 @@ class LogModel(ComparisonDefaults):
         return int(np.clip(shortest // 4, _FORECAST, _LONGEST_FORECAST))
 
     def first_states(self) -> FloatArray:
-        """Where the first log begins, as far as its outputs tell, (n,)."""
+        """Where the first log begins, as far as its outputs show, (n,)."""
         return np.asarray(self._starts[0].states[:, 0])
 
     def first_rates(self) -> FloatArray:
-        """What the model says about the states' rates where the logs begin, (n, logs)."""
+        """The states' rates by the model where the logs begin, (n, logs)."""
         states = np.array([start.states[:, 0] for start in self._starts]).T
         inputs = np.array([log.inputs[:, 0] for log in self.logs]).T
         return self._rates(states, inputs)
 
     def sealed(self) -> tuple[int, ...]:
-        """The last quarter of the blocks, one after another: excitations may repeat."""
+        """The last quarter of the blocks, in one piece: excitations may repeat."""
         count = max(round(RULES.sealed_share * self.episodes), 1)
         return tuple(range(self.episodes - count, self.episodes))
 
@@ -185,7 +185,7 @@ class LogModel(ComparisonDefaults):
         return list(zip(*each, strict=True))
 
     def sets_at_once(self, episodes: Sequence[int]) -> int:
-        """How many parameter sets take no more than twice the time of one."""
+        """The number of parameter sets that take at most twice the time of one."""
         if self.system.costs_by_point:
             return 1
         pieces = pieces_of([self.filter.blocks[e] for e in episodes], 0)
@@ -219,7 +219,7 @@ class LogModel(ComparisonDefaults):
         return self._forecast(fitted.hypothesis, values, episodes)
 
     def groups(self, names: Sequence[str]) -> list[list[str]]:
-        """Effects that one run can tell of, as long as the logs are so short that this saves time.
+        """Effects in groups that one run can judge together, if short logs make that faster.
 
         Those with states of their own stay alone.
         """
@@ -233,7 +233,7 @@ class LogModel(ComparisonDefaults):
         return ports_alike(self.library, name)
 
     def simpler_effects(self, name: str) -> tuple[str, ...]:
-        """Effects at the same port that this one is with more to it, offered or not."""
+        """Effects at the same port that this one only elaborates, offered or not."""
         effect = self.library[name]
         return tuple(f"{kind}@{effect.port.name}" for kind in effect.kind.simpler)
 
@@ -242,7 +242,7 @@ class LogModel(ComparisonDefaults):
         return self.library[name].kind.is_friction_law
 
     def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
-        """What still acts and is explained by nothing; () far ahead."""
+        """What still acts and nothing explains; () far ahead."""
         return leftovers(self, fitted) if self.is_pushed else ()
 
     def late_inputs(self, base: Fit, found: Fit) -> dict[str, float]:
@@ -250,18 +250,18 @@ class LogModel(ComparisonDefaults):
         return late_inputs(self, base, found)
 
     def late_by_a_row(self, found: Fit) -> list[str]:
-        """Delays of one sample, of a system that shows an input directly."""
+        """Delays of one sample, in a system that shows an input directly."""
         return late_by_a_row(self, found)
 
     def curved_inputs(self, named: Sequence[str]) -> list[str]:
-        """Inputs that act by a curve, where an effect says that they or an output are slow.
+        """Inputs that act by a curve, if a named effect says that they or an output are slow.
 
-        What lags behind a curve has no port, and the effect may stand for it.
+        A lag behind a curve has no port, so the effect may stand for it.
         """
         return taken_for(self, named)
 
     def clock_s(self, fitted: Fit, parameter: str) -> float:
-        """What an input's clock has of its dead time: half a sample may be either's."""
+        """What an input's clock took of a dead time [s]: half a sample may be either's."""
         effect, _, short = parameter.rpartition(".")
         known = self.library.get(effect)
         if known is None or short != "delay_s" or known.port.role != "input":
@@ -279,7 +279,7 @@ class LogModel(ComparisonDefaults):
         return np.concatenate([start.states for start in self._starts], axis=1)
 
     def with_effects(self, effects: Mapping[str, Effect]) -> "LogModel":
-        """The same system that may lack these as well."""
+        """The same system with these effects offered as well."""
         wider = copy.copy(self)
         wider.library = {**self.library, **effects}
         wider.effects = {name: each.free for name, each in wider.library.items()}
@@ -288,17 +288,17 @@ class LogModel(ComparisonDefaults):
     def crossed_disagreements(
         self, fitted: Fit, thetas: FloatArray, chosen: Sequence[int]
     ) -> list[FloatArray]:
-        """The same of a fit's own blocks, each with one of several parameter sets (K, p)."""
+        """The same for a fit's own blocks, each with one of several parameter sets (K, p)."""
         sets = dict(zip(fitted.names, np.asarray(thetas, dtype=float).T, strict=True))
         acting = self.acting(fitted.hypothesis)
         with np.errstate(all="ignore"):
             return self.filter.forecasts(acting, sets, fitted.episodes, self.horizon, chosen)
 
     def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
-        """The same (m, n) of two forecasts that ask no model: the last reading, the log's mean.
+        """The same (m, n) for two forecasts without a model: the last reading, and the log's mean.
 
-        The last reading is the newest that was measured, however slow its sensor is; before the
-        first of a log it is the mean.
+        The last reading is the newest that was measured, however slow its sensor is; before a log's
+        first reading it is the mean.
         """
         last, mean = [], []
         for block in (self.blocks[e] for e in episodes):
@@ -331,13 +331,13 @@ class LogModel(ComparisonDefaults):
         return coordinates
 
     def noise_time_s(self, fitted: Fit, channel: int) -> float:
-        """How long what is left may keep its sign: a forecast's length."""
+        """The longest time for which errors may keep their sign: a forecast's length."""
         return self.horizon * self.dt_s
 
     def _scored(self, run: Run, place: int, episode: int) -> list[Score]:
-        """One block's part of a run under each parameter set.
+        """One block's part of a run under each parameter set, one channel after another.
 
-        Channel after channel, each with all samples of the block.
+        Each channel has all samples of the block.
         """
         block = self.blocks[episode]
         n, m, sets = block.stop - block.start, len(self.channels), run.statistics.shape[3]
@@ -350,7 +350,7 @@ class LogModel(ComparisonDefaults):
         channels = tuple(slice(c * n, (c + 1) * n) for c in range(m))
         scores = []
         for one_set in statistics.reshape(sets, 4, m * n):
-            # Copied, as fits keep the scores of a few sets for long.
+            # Copied: fits keep the scores of a few sets for long.
             innovation, variance, density, weight = one_set.copy()
             scores.append(Score(density, innovation, variance, weight, channels))
         return scores
@@ -379,7 +379,7 @@ class LogModel(ComparisonDefaults):
         return parameters
 
     def _lasting(self, name: str, unit: str, rate: float) -> list[Free]:
-        """Logarithms of sd and time of a push that lasts."""
+        """Logarithms of the sd and the duration of a push that lasts."""
         guess, bounds = float(np.log(0.1 * rate)), np.log([1e-6 * rate, 30.0 * rate])
         shortest, longest = np.log([_SHORTEST_PUSH * self.dt_s, _LONGEST_PUSH * self.dt_s])
         usual = float(np.log(_USUAL_PUSH * self.dt_s))
@@ -389,7 +389,7 @@ class LogModel(ComparisonDefaults):
         ]
 
     def _clocks(self) -> list[Free]:
-        """An input may act up to half a sample sooner or later than its row says."""
+        """Clocks: an input may act up to half a sample sooner or later than its row says."""
         half = 0.5 * self.dt_s
         return [
             Free(f"clock.{i.name}", "s", 0.0, half / 3.0**0.5, -half, half, 0.02 * self.dt_s)
@@ -412,7 +412,7 @@ class LogModel(ComparisonDefaults):
         return parameters
 
     def _form(self) -> list[Free]:
-        """Bumps of the model-form term, where the log has been."""
+        """Bumps of the model-form term, in the range of the log."""
         bumps = []
         for name in self.driven:
             i = list(self.system.states).index(name)
@@ -428,9 +428,10 @@ class LogModel(ComparisonDefaults):
     def _followed(
         self, known: Sequence[InitialStates], guessed: Sequence[FloatArray]
     ) -> list[FloatArray]:
-        """States (n, N) along each log; those that nothing tells as the model goes beside others.
+        """States (n, N) along each log; the model gives those that nothing shows.
 
-        A piece within a log begins there, too: an actuator that is at 0 again looks like a lag.
+        A piece within a log starts from them, too: an actuator that starts again at 0 looks like a
+        lag.
         """
         along = [n for n in self.system.states if n in known[0].along]
         if len(along) == len(self.system.states):
@@ -448,11 +449,10 @@ class LogModel(ComparisonDefaults):
     def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
         """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
 
-        `least …` is how near to 0 an input or a known state comes, `turns …` whether it changes
-        its sign (1 or 0), `largest …` how far from 0 an input goes, `lowest …` and `highest …` how
-        far a known state goes.
-        `y …` is about an output's mean, `top …` and `bottom …` are its largest and least reading,
-        `readings at top …` how often it shows that.
+        `least …` is how near to 0 an input or a known state comes; `turns …` is 1 if it changes its
+        sign, else 0. `largest …` is how far from 0 an input goes; `lowest …` and `highest …` are
+        the ends of a known state. `y …` is the size about an output's mean; `top …` and `bottom …`
+        are its largest and least reading, and `readings at top …` is how often it shows that.
         """
         states = np.concatenate(guessed, axis=1)
         inputs = np.concatenate([log.inputs for log in self.logs], axis=1)
@@ -488,7 +488,7 @@ class LogModel(ComparisonDefaults):
         return sizes
 
     def _rates(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
-        """What the model says about the rates along the log, (n, N)."""
+        """The rates along the log by the model, (n, N)."""
         state = Point("state", dict(zip(self.system.states, states, strict=True)))
         names = [i.name for i in self.system.inputs]
         driven = Point("input", dict(zip(names, inputs, strict=True)))
@@ -498,7 +498,7 @@ class LogModel(ComparisonDefaults):
         return (rates - states) / self.dt_s if self.system.has_step else rates
 
     def _driven(self) -> tuple[str, ...]:
-        """States whose rates are noisy: all but integrals and memories, or said to be exact."""
+        """States with noisy rates: all but integrals, memories and those said to be exact."""
         stated = self.system.process_noise
         exact = {n for n, size in stated.items() if size == 0.0} | {*self._kinematic}
         acted_on = {p.name for p in self.system.ports if p.role in ("force", "custom")}
@@ -521,7 +521,7 @@ class LogModel(ComparisonDefaults):
 
 
 def _newest(read: FloatArray, before: FloatArray) -> FloatArray:
-    """Of readings (m, n) the newest measured at each sample; `before` (m, 1) the first."""
+    """The newest measured reading (m, n) at each sample; `before` (m, 1) until there is one."""
     at = np.where(np.isfinite(read), np.arange(read.shape[1]), -1)
     newest = np.maximum.accumulate(at, axis=1)
     known = np.take_along_axis(read, np.maximum(newest, 0), axis=1)

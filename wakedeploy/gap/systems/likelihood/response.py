@@ -1,7 +1,7 @@
 """A response to known inputs, seen through coloured noise: the `Model` behind every other domain.
 
-The noise of a channel is an Ornstein–Uhlenbeck process plus white noise, and, where an episode has
-levels that nobody knows, those levels with a wide prior. The Cholesky factor of its covariance
+The noise of a channel is an Ornstein–Uhlenbeck process plus white noise. If an episode has levels
+that nobody knows, they have a wide prior. The Cholesky factor of the noise's covariance
 turns residuals into one-step innovations exactly, at any sampling times (Rasmussen and Williams,
 Gaussian Processes for Machine Learning, 2006, algorithm 2.1), and outliers are weighted down.
 """
@@ -59,7 +59,7 @@ class ResponseModel(ComparisonDefaults, abc.ABC):
         return None
 
     def residual(self, values: Values, episode: int) -> FloatArray:
-        """What is shown as the error: the disagreement (c, m), where models can differ."""
+        """What is shown as the error: the disagreement (c, m) where models can differ."""
         return self.disagreement(values, episode)
 
     def disagreement(self, values: Values, episode: int) -> FloatArray:
@@ -73,11 +73,11 @@ class ResponseModel(ComparisonDefaults, abc.ABC):
 
     @property
     def horizon(self) -> int:
-        """A sixth of an episode: each sealed one speaks in three parts."""
+        """A sixth of an episode: each sealed one is judged in three parts."""
         return max(min(len(r.time_s) for r in self.records) // 6, 1)
 
     def sealed(self) -> tuple[int, ...]:
-        """Every fourth episode: recordings follow each other by vehicle and by manoeuvre."""
+        """Every fourth episode: recordings are in order of vehicle and manoeuvre."""
         return tuple(range(_SEALED_EVERY - 1, self.episodes, _SEALED_EVERY))
 
     def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
@@ -113,7 +113,7 @@ class ResponseModel(ComparisonDefaults, abc.ABC):
         return Score(density, innovation, variance, weight, channels)
 
     def unweighted(self) -> "ResponseModel":
-        """The same episodes with white noise alone: its fits are those of least squares."""
+        """The same episodes with white noise alone: a fit of them is a least-squares fit."""
         twin = copy.copy(self)
         twin.noise_is_white = True
         return twin
@@ -152,7 +152,7 @@ class ResponseModel(ComparisonDefaults, abc.ABC):
 
 
 def covariance(noise: tuple[float, ...], time_s: FloatArray) -> FloatArray:
-    """Of coloured and white noise (n, n), given ln(sd), ln(time constant), ln(sd) of the white."""
+    """Covariance (n, n) of coloured and white noise, given ln of sd, time constant and white sd."""
     coloured, decay_s, white = np.exp(noise)
     apart_s = np.abs(time_s[:, None] - time_s[None, :])
     matrix = coloured**2 * np.exp(-apart_s / decay_s)
@@ -175,12 +175,12 @@ def scored(
 
 @functools.lru_cache(maxsize=512)
 def _cached_factor(noise: tuple[float, ...], time_bytes: bytes) -> FloatArray:
-    """Episodes that were sampled alike share their factor."""
+    """The factor, shared by episodes that were sampled alike."""
     return np.asarray(np.linalg.cholesky(covariance(noise, np.frombuffer(time_bytes))))
 
 
 def required(path: Path | None, domain: str) -> Path:
-    """The path, or UnusableInput for none."""
+    """The path; raises UnusableInput for None."""
     if path is None:
         raise UnusableInput(
             f"{domain}: no path given; give the folder of its recordings, or set WAKEDEPLOY_DATA."

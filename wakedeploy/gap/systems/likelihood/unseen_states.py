@@ -1,8 +1,8 @@
 """States that no output shows, as the model has them along a log: a first guess, nothing fitted.
 
 In: a filter over logs, and the states that are shown along them. Out: all states at every sample.
-An actuator that a piece of a log begins at 0 looks like a lag; one that begins where its command
-had brought it does not.
+If a piece of a log starts an actuator at 0, that looks like a lag; started where its command had
+brought it, it does not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,11 +15,11 @@ from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.filter import Driving, Filter, Stepping, points_around
 from wakedeploy.physics.series import IntArray
 
-_LANE, _BEFORE = 5000, 2000  # samples that a lane follows of a long log, and for how many before
+_LANE, _BEFORE = 5000, 2000  # samples of a long log that a lane follows, and those before them
 _NEWTON = 20  # steps to where states are at rest
 _AT_REST = 1e-6  # of how far away rest is
-_SINGULAR = 1e-9  # of the fastest rate of a state: one so slow goes on for ever
-_GROWS = 10.0  # times what a state was off by: from there on it is lost without readings
+_SINGULAR = 1e-9  # of the fastest rate of a state: a slower one never comes to rest
+_GROWS = 10.0  # times what a state was off by: beyond, it is lost without readings
 
 
 def followed(
@@ -29,23 +29,23 @@ def followed(
     anywhere: Sequence[str],
     constants: Mapping[str, float],
 ) -> FloatArray:
-    """States (n, N) along every log: those `told` (N,) by name, the others as the model goes.
+    """States (n, N) along every log: those `shown` (N,) by name, the others by the model.
 
-    Those that begin `anywhere` begin where the first sample, held, would have brought them to rest;
-    where there is no rest, and all others, as the filter's starts have them. A long log is followed
-    in parts side by side. Where the model would lose itself without readings, as an unstable one
-    does, the starts are kept. `constants` replace the stated ones.
+    States that begin `anywhere` begin where the first sample, held, would have brought them to
+    rest. If there is no rest, they begin as the filter's starts say, and so do all others. A long
+    log is followed in parts side by side. If the model would lose itself without readings, as an
+    unstable one does, the starts are kept. `constants` replace the stated ones.
     """
     follower = _Follower(alone, acting, shown, anywhere, constants)
     try:
         with np.errstate(all="ignore"):
             return follower.run()
-    except UnusableInput:  # a state far away, where nobody asks the user's functions otherwise
+    except UnusableInput:  # a state far away, where nobody else asks the user's functions
         return alone.guesses
 
 
 def _kept(acting: Acting, shown: Mapping[str, FloatArray]) -> list[str]:
-    """States that are not followed: those shown, and those that these drive and follow themselves.
+    """States that are not followed: those shown, and those that drive these and are driven by them.
 
     The speed of a measured position goes wherever the model's forces err, as nothing holds it.
     """
@@ -107,7 +107,7 @@ class _Follower:
         return states
 
     def _lanes(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Where lanes begin, from where on they count, and where they end."""
+        """Where lanes begin, where they start to count, and where they end."""
         lanes = []
         for log in range(len(self._alone.logs)):
             first, end = self._alone.ends(log)
@@ -121,16 +121,16 @@ class _Follower:
         return np.array([self._acting.sizes[n] for n in self._acting.states])
 
     def _on(self, stepping: Stepping, x: FloatArray, p: FloatArray, at: IntArray) -> None:
-        """A sample later; in all steps of one, what is shown keeps its value."""
+        """The states a sample later; what is shown keeps its value in all steps of one sample."""
         steps = self._acting.system.steps
         for j in range(steps):
             stepping.on(x, p, self._inputs.at(0, steps * at + j), *self._given)
             x[:, ~np.isfinite(x).all(0)] = np.inf
 
     def _rested(self, x: FloatArray, at: IntArray) -> FloatArray:
-        """States (n, L), those that begin anywhere at rest under the inputs at `at`, if they can.
+        """States (n, L); those that begin anywhere rest under the inputs at `at`, if they can.
 
-        One that only goes on, as a distance does, stays where it is; the others rest beside it.
+        A state that never rests, as a distance, stays where it is; the others rest beside it.
         """
         x = x.copy()
         x[self._shown] = self._rows[:, at]
@@ -141,7 +141,7 @@ class _Follower:
         return x
 
     def _rest(self, x: FloatArray, u: Driving) -> FloatArray:
-        """The same of one lane, (n, 1): Newton's method on the states that have a rest."""
+        """The same for one lane, (n, 1): Newton's method on the states that can rest."""
         _, slopes = self._slopes(x, u)
         free = list(self._anywhere)
         fastest = max(float(np.abs(slopes).max()), 1e-300)

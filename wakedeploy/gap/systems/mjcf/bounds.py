@@ -15,7 +15,7 @@ from wakedeploy.core.files import text_of
 _LARGEST = 1e15  # in any unit, nothing that was measured is so large
 _LARGEST_COUNT = 1e5  # rows, pixels, samples, iterations: MuJoCo allocates or loops that often
 _MOST_ELEMENTS = 5000  # a humanoid has some hundred; ten thousand bodies take ten seconds
-_DIGITS = 9  # no count of elements has so many
+_DIGITS = 9  # no count of elements has more
 _COUNTS = frozenset({
     "nsample", "nrow", "ncol", "width", "height", "maxhullvert", "iterations", "ls_iterations",
     "noslip_iterations", "ccd_iterations", "sdf_iterations", "sdf_initpoints",

@@ -15,7 +15,7 @@ from wakedeploy.gap.wording import listed
 
 _PLACES = 1000  # of the logs' samples that are looked at, evenly
 _MOST_TOLD = 3  # pairs of bodies
-_LEAST_TOLD = 0.01  # share of the samples, that is told in whole percent
+_LEAST_TOLD = 0.01  # share of the samples, which is printed in whole percent
 
 
 def contact_notes(elements: Elements, outputs: Mapping[str, FloatArray]) -> list[str]:

@@ -87,7 +87,7 @@ def mjcf_template(model: Path, target: Path) -> str:
 
 
 def coupling_notes(model: Path) -> list[str]:
-    """Of each equality between joints, what it costs a search, and what to do."""
+    """What each equality between joints costs a search, and what to do about it."""
     return [_coupling(names) for names in read_elements(model).coupled]
 
 
@@ -121,7 +121,7 @@ def _input(actuator: Actuator, elements: Elements) -> str:
 
 
 def _unit(actuator: Actuator, elements: Elements) -> str:
-    """Of a command: that of what it asks for, where joint or actuator tell, else none."""
+    """A command's unit: that of what it asks for, "1" where joint and actuator do not say."""
     turns = next((j.turns for j in elements.joints if j.name == actuator.joint), None)
     if actuator.follows in ("pressure", "voltage"):
         return _UNITS[actuator.follows][0]
@@ -129,7 +129,7 @@ def _unit(actuator: Actuator, elements: Elements) -> str:
 
 
 def _state_unit(actuator: Actuator, elements: Elements) -> str:
-    """Of an activation: that of the command that it filters, or what it adds velocities up to."""
+    """An activation's unit: that of the command it filters, or of the position it integrates to."""
     if actuator.integrates and actuator.follows == "velocity":
         return _unit(replace(actuator, follows="position"), elements)
     return _unit(actuator, elements) if actuator.filters else "1"

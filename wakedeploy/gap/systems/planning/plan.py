@@ -28,7 +28,7 @@ from wakedeploy.gap.systems.planning.responses import Responses, lost_nats
 Pair = tuple[str, ...]  # of a class; of a single effect its name alone
 Losses = Mapping[Pair, float]
 
-_NOTHING = 1e-3 * RULES.margin_nats  # in one log: a thousand of them would not tell enough
+_NOTHING = 1e-3 * RULES.margin_nats  # in one log: a thousand of them would not be enough
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the limits, the largest that the outputs allow
 _BEYOND = 0.25  # of their range, by which outputs may leave what the logs have seen
 _MULTIPLES = 2.0 ** np.linspace(-4.0, 2.0, 13)  # of a rival's size
@@ -38,9 +38,9 @@ _LONGEST = 3000  # samples of an imagined log
 
 @dataclass(frozen=True, eq=False)
 class Option:
-    """An input: `moved` the inputs that it moves, by `share` of their limits, and what it tells.
+    """An input: `moved` the inputs that it moves, by `share` of their limits, and what it shows.
 
-    `nats` of one such log, of a class those of the closest pair that some input tells apart;
+    `nats` is what one such log gives: for a class, on the closest pair that some input tells apart;
     `columns` (n,) by name, the inputs to record with and outputs as they would be.
     """
 
@@ -53,15 +53,15 @@ class Option:
 
     @property
     def logs(self) -> int | None:
-        """How many such logs tell enough, with margin; None where none do."""
+        """How many such logs are enough, with margin; None if no number is."""
         return math.ceil(RULES.margin_nats / self.nats) if self.nats > _NOTHING else None
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Options, best first, and what as long a piece of the present logs tells in `logged_nats`.
+    """Options, best first; `logged_nats` is what as long a piece of the present logs gives.
 
-    `alike` are pairs that no input tells apart. What options tell is of the other pairs.
+    `alike` are pairs that no input tells apart. What options give is for the other pairs.
     """
 
     names: tuple[str, ...]
@@ -71,9 +71,9 @@ class Plan:
 
     @property
     def best(self) -> Option | None:
-        """The input to record; None where none tells enough, or none more than the present logs.
+        """The input to record; None if none gives enough, or none more than the present logs.
 
-        One that tells enough in a single log is worth it in any case.
+        One that gives enough in a single log is worth it in any case.
         """
         first = self.options[0] if self.options else None
         if first is None or first.logs is None:
@@ -124,7 +124,7 @@ def _alike(model: LogModel, losses: Sequence[Losses]) -> tuple[Pair, ...]:
 def _same_delay(model: LogModel, pair: Pair) -> bool:
     """Whether both delay all that a system does: before its only input, or behind its only output.
 
-    What a fast input seems to tell of the two is how each is computed.
+    A fast input seems to tell the two apart, but shows only how each is computed.
     """
     system = model.system
     before = {f"dead-time@{i.name}" for i in system.inputs}
@@ -134,7 +134,7 @@ def _same_delay(model: LogModel, pair: Pair) -> bool:
 
 
 def _least(losses: Losses, alike: Sequence[Pair]) -> float:
-    """Of the pairs that some input tells apart; nothing where there are none such."""
+    """The fewest nats of a pair that some input tells apart; 0 without such a pair."""
     return min((nats for pair, nats in losses.items() if pair not in alike), default=0.0)
 
 

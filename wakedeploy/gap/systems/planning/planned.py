@@ -71,7 +71,7 @@ class Planned(Artefact):
 
     @property
     def _as_much(self) -> str:
-        """What one log of the best input tells, by what the present logs do."""
+        """How much one log of the best input gives, compared with the present logs."""
         ratio = self.nats / self.logged_nats if self.logged_nats > 0.0 else math.inf
         times = f"over {_MANY}" if ratio > _MANY else f"{ratio:.{1 if ratio >= 1.0 else 2}f}"
         return f"{times} times as much as the present logs do in that time"
@@ -120,5 +120,5 @@ def planned(made: Plan, domain: str, key: str = "") -> Planned:
 
 
 def unplannable(names: list[str], domain: str, key: str = "") -> Planned:
-    """Of a system whose inputs nobody can command."""
+    """The plan for a system whose inputs nobody can command."""
     return Planned(domain=domain, key=key, rivals=names, can_command=False)

@@ -54,9 +54,9 @@ class Power:
 def power(
     model: LogModel, base: Fit, names: Sequence[str] | None = None, steps: StepsDone = uncounted
 ) -> Power:
-    """What logs of this length and motion can tell of each effect; all effects unless named.
+    """What logs of this length and motion can show of each effect in `names`, by default of all.
 
-    Of all, without those that have no size, as a sensor's limit, which vanishes far away.
+    "All" leaves out those that have no size, as a sensor's limit, which vanishes far away.
     Raises UnusableInput for an effect that the system does not have, or that has no size.
     """
     model.require_effects()

@@ -1,8 +1,8 @@
 """The menu of manoeuvres that `gap plan` chooses from, each within the limits of the rig it is for.
 
 In: a rig. Out: flight plans that begin and end at rest on the stop, at home, with the source idle.
-Every flight has the rig's rest before and after, which belongs to the manoeuvre: motors off, the
-sufferer on the stop, the carriage at home.
+Each has the rig's rest before and after it as a part: motors off, the sufferer on the stop, the
+carriage at home.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, FloatArray
 from wakedeploy.core.rig import Rig
 
 NEAR, MIDDLE, FAR = 0.8, 0.5, 0.2  # heights as shares of the rail; near is near the source
-_SOURCE = 0.55  # of the source's range, where a manoeuvre leaves it alone
+_SOURCE = 0.55  # of the source's range, if a manoeuvre leaves the source alone
 _SOURCE_RAMP_S = 1.0
 _TRIANGLE_TURN_S = 0.4
 
@@ -30,7 +30,7 @@ class Manoeuvre:
     plan: Build
 
     def seconds(self, rig: Rig) -> float:
-        """How long it takes with the rest before and after [s]."""
+        """How long it takes, with the rests before and after [s]."""
         return len(self.plan(rig)) / PLAN_RATE_HZ + 2.0 * rig.disturbance.rest_s
 
 
@@ -74,7 +74,7 @@ def _heights(rig: Rig, source: float) -> FlightPlan:
 
 
 def _off_hover_off(rig: Rig) -> FlightPlan:
-    """Take off and land three times; on the ground the motor's thrust does not reach the weight."""
+    """Take off and land three times; on the ground the thrust stays below the weight."""
     t = _time(27.0)
     z, source = np.zeros_like(t), np.zeros_like(t)
     for i, level in enumerate((0.0, 0.8, 0.0)):
@@ -119,7 +119,7 @@ def _source_steps_both(rig: Rig) -> FlightPlan:
 
 
 def _step_train(t: FloatArray) -> FloatArray:
-    """Steps between weak and strong after 0.4 to 1.1 s, up and down alike."""
+    """Steps between weak and strong, each after 0.4 to 1.1 s, up and down alike."""
     holds_s = (1.1, 0.6, 0.4, 0.9, 0.5, 0.7)
     level, at_s, i = np.full_like(t, 0.25), TAKE_OFF_S, 0
     while at_s < t[-1] - TAKE_OFF_S:
@@ -218,7 +218,7 @@ def _assembled(
 
 
 def _slewed(wanted_us: FloatArray, most_us: float) -> FloatArray:
-    """What a limit per tick makes of a command, idle again at the end."""
+    """A command within a limit per tick, idle again at the end."""
     forth = wanted_us.copy()
     for i in range(1, len(forth)):
         forth[i] = np.clip(wanted_us[i], forth[i - 1] - most_us, forth[i - 1] + most_us)

@@ -1,7 +1,7 @@
-"""Which manoeuvre splits a class of effects that the flights so far leave together.
+"""Which manoeuvre splits a class of effects that the flights so far cannot tell apart.
 
-In: a rig, the names of the class. Out: for every manoeuvre of the menu the nats by which each rival
-would lose, how many flights that takes, and the choice: the one that splits the worst pair in the
+In: a rig, the names of the class. Out: for every manoeuvre of the menu, the nats by which each
+rival would lose and the flights that takes; and the choice, which splits the worst pair in the
 least time. Each manoeuvre is flown on the simulated rig and judged by the likelihood that `name`
 itself uses.
 """
@@ -40,7 +40,7 @@ _SEED = 7001
 class Option:
     """One manoeuvre: `loss` (C, C) nats that rival j loses in one flight when i is the truth.
 
-    `flights` are needed to split every pair, with margin; None if `MOST_FLIGHTS` are too few.
+    `flights` are what splits every pair, with margin; None if `MOST_FLIGHTS` are too few.
     """
 
     manoeuvre: Manoeuvre
@@ -50,12 +50,12 @@ class Option:
 
     @property
     def total_s(self) -> float:
-        """How long all flights take, rests included [s]; infinite where they cannot split."""
+        """How long all flights take, rests included [s]; infinite if they cannot split it."""
         return float("inf") if self.flights is None else self.flights * self.seconds
 
     @property
     def worst_nats(self) -> float:
-        """Of the pair that is hardest to split."""
+        """The nats of the pair that is hardest to split."""
         return float(_pairs(self.loss).min())
 
     @property
@@ -73,7 +73,7 @@ class Option:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The options in the order of preference, and random flights to compare them with."""
+    """The options, best first, and random flights to compare them with."""
 
     names: tuple[str, ...]
     options: tuple[Option, ...]
@@ -81,13 +81,13 @@ class Plan:
 
     @property
     def best(self) -> Option | None:
-        """The manoeuvre to fly; None when nothing in the menu can split the class."""
+        """The manoeuvre to fly; None if nothing in the menu can split the class."""
         first = self.options[0]
         return None if first.flights is None else first
 
     @property
     def sensors(self) -> dict[str, str]:
-        """What the library says splits each member."""
+        """What splits each member, by the library."""
         return {name: effect(name).split_by for name in self.names}
 
     @property
@@ -136,8 +136,8 @@ def make_plan(
 ) -> Plan:
     """Judge every manoeuvre of the menu for a class of two effects or more.
 
-    `sizes`: each effect's parameters, as fitted; one prior scale from neutral where not given.
-    Flights already flown do not count: whatever they were expected to tell, they left the class.
+    `sizes` are each effect's parameters, as fitted; by default one prior scale from neutral.
+    Flights already flown do not count: whatever they were expected to show, they left the class.
     Raises UnusableInput for fewer than two effects or an unknown one.
     """
     chosen = tuple(dict.fromkeys(effect(name).name for name in names))
@@ -154,7 +154,7 @@ def make_plan(
 
 
 def random_flight() -> Manoeuvre:
-    """What is flown without a plan, as the yardstick."""
+    """A flight without a plan, to compare with."""
     return Manoeuvre(
         "random", "everything at random", lambda rig: random_plan(rig, RANDOM_S, _SEED)
     )
@@ -222,7 +222,7 @@ def _option(
 
 
 def _flights(evidence: Evidence) -> int | None:
-    """How many flights until every pair differs by enough, with margin."""
+    """The flights until every pair differs by enough, with margin; None if too many."""
     for count in range(1, MOST_FLIGHTS + 1):
         if _pairs(loss_nats(evidence, copies=float(count))).min() >= RULES.margin_nats:
             return count

@@ -1,9 +1,9 @@
 """What flights of a rig can and cannot tell, before any of them is flown.
 
-In: a rig, how many flights of what length. Out: for each effect of the library the smallest sizes
-that are detected and named, and the rivals that remain. Also how many minutes of flight name it,
-which sensor would, and what ignoring it costs in millimetres. Flights are simulated; the likelihood
-that `name` uses then judges what is missing from them.
+In: a rig, the number of flights and their length. Out: for each effect of the library, the smallest
+sizes that are detected and named, and the rivals that remain; also how many minutes of flight name
+it, which sensor would, and what ignoring it costs in millimetres. Flights are simulated; then the
+likelihood that `name` uses judges what is missing from them.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ TRACKING_SEED = 8101
 TRACKING_S = 20.0
 _FLIGHT_SEED = 8000
 _FACTOR_ONE = np.ones(1)
-_CLEARLY = 0.1  # a sensor must name an effect so much more often to be worth its price
+_CLEARLY = 0.1  # a sensor must name an effect this much more often to be worth its price
 
 Advance = Callable[[], None]
 
@@ -57,12 +57,11 @@ class EffectPower:
 
     `size` is one prior scale; the fields after it hold at that size.
 
-    `named` and `detected` are shares of data sets. `rivals` would stay within the margin.
-    `flights` and `minutes` are what naming takes; None where no number of flights does it.
-    `calibrate_to` is the spread that the rig file would have to state where only calibration helps.
-    `sensor` is the cheapest that names it from these flights; None for none, or none needed.
-    `cost_mm` is what ignoring it adds to the tracking error; None where the flight ends in a
-    failsafe.
+    `named` and `detected` are shares of data sets. `rivals` would stay within the margin. `flights`
+    and `minutes` are what naming takes; None if no number of flights does it. `calibrate_to` is the
+    spread that the rig file would have to state, if only calibration helps. `sensor` is the
+    cheapest that names it from these flights; None if there is none, or none is needed. `cost_mm`
+    is what ignoring it adds to the tracking error; None if the flight ends in a failsafe.
     """
 
     name: str
@@ -114,12 +113,12 @@ class Power:
 
     @property
     def flight_s(self) -> float:
-        """One flight with its rests [s]."""
+        """The length of one flight with its rests [s]."""
         return self.seconds + 2.0 * self.rest_s
 
     @property
     def purchase(self) -> tuple[Sensor, tuple[str, ...]] | None:
-        """The sensor that names the most further effects, the cheapest of equals, and which."""
+        """The sensor that names the most further effects (the cheapest of equals), and which."""
         without = self.named_with[:, 0] >= RULES.sure_share
         gained = [
             tuple(
@@ -140,7 +139,7 @@ class Power:
 
     @property
     def naming_rate(self) -> float:
-        """Of effects at one prior scale, how many will be named."""
+        """The share of effects at one prior scale that will be named."""
         return float(np.mean([e.named for e in self.effects]))
 
     @property
@@ -150,7 +149,7 @@ class Power:
         return tuple(sorted(groups))
 
     def splitter(self, group: Sequence[str]) -> Sensor | None:
-        """The cheapest sensor with which every effect of a class is surely named; None without."""
+        """The cheapest sensor that surely names every effect of a class; None without one."""
         members = [self.names.index(name) for name in group]
         least = self.named_with[members].min(axis=0)[1:]
         able = [
@@ -161,7 +160,7 @@ class Power:
         return min(able, key=lambda sensor: sensor.euros, default=None)
 
     def as_json(self) -> dict[str, Any]:
-        """For power.json."""
+        """The content of power.json."""
         splitters = [self.splitter(group) for group in self.classes]
         return {
             "rig_sha256": self.rig_sha256,
@@ -184,7 +183,7 @@ class Power:
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """Flights of the rig as its file has it, and what they say about the library's effects."""
+    """Simulated flights of the unchanged rig, and what they say about the library's effects."""
 
     model: GantryModel
     base: Fit
@@ -203,9 +202,9 @@ def power(
 ) -> Power:
     """Simulate the flights and answer for every effect that the rig file does not have yet.
 
-    `threshold_nats` is `name`'s simulated one; without it, the same quantile of Gaussian draws.
-    `progress(stage, done, total)` is called as things finish. Raises UnusableInput for fewer
-    flights than a name takes, or for a rig that cannot fly them.
+    `threshold_nats` is the simulated one of `name`; without it, the same quantile of Gaussian draws
+    is taken. `progress(stage, done, total)` is called as things finish. Raises UnusableInput for
+    fewer flights than a name takes, or for a rig that cannot fly them.
     """
     if flights < FEWEST_IN_ALL:
         raise UnusableInput(
@@ -241,7 +240,7 @@ def power(
 
 
 def step_count(rig: Rig, flights: int) -> int:
-    """How many times `power` calls its `progress` for the whole library."""
+    """The number of calls that `power` makes to `progress` for the whole library."""
     effects = len(_chosen(rig, None))
     return flights + effects + 1 + effects + len(SENSORS) + 1 + effects
 
@@ -310,7 +309,7 @@ def _chosen(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _cheapest(named_with: FloatArray) -> str | None:
-    """The cheapest sensor with which an effect is named that is not named without."""
+    """The cheapest sensor that names an effect which is not named without it."""
     if named_with[0] >= RULES.sure_share:
         return None
     enough = max(RULES.sure_share, named_with[0] + _CLEARLY)
@@ -321,7 +320,7 @@ def _cheapest(named_with: FloatArray) -> str | None:
 def _named_with_sensors(simulated: Simulated, threshold: float, advance: Advance) -> FloatArray:
     """Share of data sets in which each effect is named, without a sensor and with each, (C, S+1).
 
-    A sensor counts only through what it splits and shows; the threshold stays.
+    A sensor counts only through what it splits and shows; the threshold stays the same.
     """
     evidence = simulated.evidence
     columns = []

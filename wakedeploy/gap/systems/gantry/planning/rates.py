@@ -1,9 +1,9 @@
 """How often an effect will be detected and named: outcomes of `name` drawn without flying.
 
 In: an `Evidence` and a threshold. Out: shares of data sets, by the size of the effect and by the
-number of flights. The draws repeat what `name` decides: every effect is fitted, gains count on
+number of flights. The draws repeat how `name` decides: every effect is fitted, gains count on
 episodes left out, the best must cross the threshold, and all within 3 nats of it share its class.
-Flights that are sealed to show the gap on do not take part in naming.
+Flights that are sealed to show the gap do not take part in naming.
 """
 
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ class Draws:
     information: FloatArray
     pulls: FloatArray
     cost_nats: FloatArray  # (C,) what a fit seems to gain on its own data and loses on others
-    near_nats: float  # rivals as close as this share the class
-    enough: bool  # episodes for a name
+    near_nats: float  # rivals this close share the class
+    enough: bool  # whether there are enough episodes for a name
 
     @classmethod
     def of(
@@ -51,7 +51,7 @@ class Draws:
         noise = np.random.default_rng(0).standard_normal((count, len(value)))
         episodes = max(2.0, share * copies * len(evidence.gram))
         free = np.array([len(evidence.of(name)) for name in evidence.names])
-        cost = free * (1.0 + 0.5 / (episodes - 1.0))  # of the fit, and of leaving each out
+        cost = free * (1.0 + 0.5 / (episodes - 1.0))  # of the fit, and of leaving each episode out
         enough = round(share * copies * len(evidence.gram)) >= RULES.fewest_flights
         return cls(evidence, information, noise @ root.T, cost, RULES.class_nats * share, enough)
 
@@ -68,7 +68,7 @@ class Draws:
         return np.asarray(np.stack(gains, axis=1) - self.cost_nats)
 
     def outcomes(self, name: str, factors: FloatArray, threshold_nats: float) -> Outcomes:
-        """What comes of an effect at these multiples of its evaluated size, (G,)."""
+        """The outcomes of an effect at these multiples of its evaluated size, (G,)."""
         index = self.evidence.names.index(name)
         counted = np.zeros((3, len(factors)))
         for g, factor in enumerate(factors):
@@ -84,14 +84,14 @@ class Draws:
 
 
 def fitted_share(flights: float) -> float:
-    """How much of so many flights `close` fits to; the rest is sealed."""
+    """The share of `flights` flights that `close` fits to; the rest is sealed."""
     return 1.0 - sealed_count(round(flights)) / max(round(flights), 1)
 
 
 def null_quantile(evidence: Evidence, level: float = 0.95) -> float:
     """The gain that the best effect exceeds with probability 1 − `level` when nothing is missing.
 
-    From the same Gaussian draws; the simulated threshold of `name` also sees what is not linear.
+    It uses the same Gaussian draws; `name`'s simulated threshold also contains what is not linear.
     """
     draws = Draws.of(evidence, count=4 * DRAWS)
     gains = draws.gains(np.zeros(len(evidence.columns)))
@@ -99,9 +99,9 @@ def null_quantile(evidence: Evidence, level: float = 0.95) -> float:
 
 
 def smallest_sizes(draws: Draws, name: str, threshold_nats: float) -> tuple[float, float]:
-    """Multiples of the evaluated size from which an effect is detected, and named, surely enough.
+    """The multiples of the evaluated size at which an effect is surely detected, and surely named.
 
-    Infinite where even the largest size tried is not.
+    Infinite if even the largest size tried is not.
     """
     largest = min(LARGEST, draws.evidence.columns[draws.evidence.of(name)[0]].high)
     factors = np.geomspace(SMALLEST, largest, SIZES)
@@ -110,7 +110,7 @@ def smallest_sizes(draws: Draws, name: str, threshold_nats: float) -> tuple[floa
 
 
 def flights_needed(evidence: Evidence, name: str, threshold_nats: float) -> float:
-    """How many flights name the effect at its evaluated size surely enough; infinite if none do."""
+    """The flights that surely name the effect at its evaluated size; infinite if none do."""
     named = [
         Draws.of(evidence, n / len(evidence.gram), DRAWS // 2, fitted_share(n))
         .outcomes(name, np.ones(1), threshold_nats)

@@ -1,8 +1,8 @@
 """Sensors that one could buy, and what each would add to the information about effects.
 
 In: the evidence of some flights. Out: the same with the sensor's readings beside the range's. Each
-sensor is emulated: how its reading changes with every nuisance and effect comes from the forces
-along the flight, its noise is assumed, and its zero is unknown in every flight.
+sensor is emulated: its reading's change with every nuisance and effect comes from the forces along
+the flight, its noise is assumed, and its zero is unknown in every flight.
 """
 
 from collections.abc import Callable
@@ -29,8 +29,8 @@ _PLAIN_MOTION = ("accelerometer", "anemometer")  # every effect shows in them
 class Sensor:
     """A sensor read once per tick: noise in its own unit, `gain_sd` how well its gain is known.
 
-    `euros` is about what it costs. `sees` are the beginnings of the names of constants that its
-    reading depends on; effects say in which sensors they show. What it reads is in `_READINGS`.
+    `euros` is about what it costs. `sees` are the beginnings of names of constants that its reading
+    depends on; effects say in which sensors they show. `_READINGS` has what it reads.
     """
 
     name: str
@@ -42,8 +42,8 @@ class Sensor:
     sees: tuple[str, ...] = ()
 
 
-# Prices are those of hobby parts; noise is what their data sheets and a moving rig leave. How much
-# force a measured air speed means is not known from outside, so the anemometer's gain is loose.
+# Prices are those of hobby parts; noise is what their data sheets and a moving rig leave. The force
+# that a measured air speed means is not known from outside, so the anemometer's gain is loose.
 SENSORS = (
     Sensor("battery-voltage", "the sufferer's battery on an analogue input of the UNO",
            0.005, "1", 0.02, 2.0),
@@ -116,7 +116,7 @@ def _reading(model: GantryModel, fitted: Fit, sensor: Sensor, episode: int) -> F
     """What the sensor would read while the sufferer is in the air, (n,)."""
     flight = model.flights[episode]
     if sensor.name == "second-range":
-        # Beside a true one the first range's errors show with the noise of both.
+        # With a true second sensor the first range's errors show with the noise of both.
         forces = model.forces(fitted, episode)
         return np.asarray(forces.expected[0][flight.counted])
     if sensor.name == "carriage-position":
@@ -128,7 +128,7 @@ def _reading(model: GantryModel, fitted: Fit, sensor: Sensor, episode: int) -> F
 
 
 def _voltage(forces: Forces) -> FloatArray:
-    """Relative to the fresh battery: thrust goes with its square."""
+    """The voltage relative to a fresh battery: thrust goes with its square."""
     return np.asarray(0.5 * np.log(np.maximum(forces.sufferer_n, 1e-3)))
 
 

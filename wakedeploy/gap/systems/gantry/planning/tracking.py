@@ -1,8 +1,8 @@
 """What ignoring an effect costs in tracking: simulated flights with it and without it.
 
-In: a rig, an effect's values. Out: the height error's RMSE. The controller flies what it would fly
-at the rig: PID on height and, fed forward, the wake force that the rig file predicts from the
-source's commands. The rig file does not know the effect; the plant has it.
+In: a rig, an effect's values. Out: the height error's RMSE. The controller flies as at the rig: PID
+on height and, fed forward, the wake force that the rig file predicts from the source's commands.
+The rig file does not know the effect; the plant has it.
 """
 
 from collections import deque
@@ -39,16 +39,16 @@ class RigForecast:
         self.reset()
 
     def is_possible(self, force_n: float) -> bool:
-        """What the rig file predicts always is."""
+        """Always true: the rig file's predictions are possible forces."""
         return True
 
     def reset(self) -> None:
-        """Still air, the source idle."""
+        """Start from still air and an idle source."""
         dt_s = 1.0 / LOOP_RATE_HZ / _STEPS_PER_TICK
         self._motor = Motor(self._rig.thrust.source, self._rig.spool.source)
         self._jet = VerticalJet(self._rig.wake, self._rig.source.height_m, dt_s)
         self._dt_s = dt_s
-        # A command reaches the source in the middle of its tick: way, then the servo frame.
+        # A command reaches the source in the middle of its tick: the way, then the servo frame.
         self._commands = deque([0.0, 0.0], maxlen=2)
 
     def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
@@ -78,7 +78,7 @@ def with_effect(rig: Rig, name: str, values: Sequence[float]) -> Rig:
 def tracking_rmse_m(truth: Rig, rig: Rig, *, seconds: float, seed: int) -> float:
     """RMSE of the true height [m] over one random flight of `rig` on the plant `truth`.
 
-    Infinite when a failsafe ends the flight.
+    Infinite if a failsafe ends the flight.
     """
     plant = GantryPlant(truth, seed=seed)
     world = SimulatedGantry(plant, truth=truth, seed=seed)

@@ -22,7 +22,7 @@ from wakedeploy.physics.constants import constants_of, moved_thrust, place_of, s
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig.update import Calibrated, updated
 
-# Seven flights of one afternoon know a constant better than the next month needs it.
+# Seven flights of one afternoon know a constant better than it will hold next month.
 _LEAST_SHARE = 0.1  # of the stated spread
 _UNPLACED = ("command.", "range.delay")  # no section of a rig file has these
 
@@ -76,7 +76,7 @@ def form_learned(reference: Reference) -> dict[str, tuple[float, float]]:
 
 
 def form_force_n(reference: Reference) -> float:
-    """Root mean square [N] of what the form changes in the force along the flights."""
+    """Root mean square [N] of the form's change of the force along the flights."""
     fitted = reference.fit
     plain = replace(
         fitted,
@@ -93,7 +93,7 @@ def form_force_n(reference: Reference) -> float:
 
 
 def corrected(reference: Reference) -> Rig:
-    """The rig with all that was learned; UnusableInput where its bounds do not allow a value."""
+    """The rig with all that was learned; UnusableInput if its bounds do not allow a value."""
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     rig = updated(reference.rig, _calibrated(reference), date)
     rig = rig.changed(
@@ -132,7 +132,7 @@ def _thrust(rig: Rig, motor: str, learned: Mapping[str, Learned]) -> dict[str, C
     )
     place = f"thrust.{motor}.thrust_n"
     stated = rig.calibration.get(place)
-    # A source's own scale is in the wake's strength: its table keeps the spread that it had.
+    # A source's own scale is part of the wake's strength: its table keeps its old spread.
     kept_n = (stated.spread if stated is not None else None) or 0.0
     spread_n = scale.spread * hover_n if scale else kept_n
     return {place: Calibrated(tuple(moved.tolist()), spread_n)}

@@ -1,8 +1,8 @@
-"""What ordinary flights tell of a rig beyond its file.
+"""What ordinary flights show of a rig beyond its file.
 
-In: a rig and flights in which nothing is new. Out: `Reference`: each flight's own thrust, battery
-and bias, which flights are unlike the others, and a fit of everything else, from which
-`corrected` makes a rig.
+In: a rig and flights in which nothing is new. Out: a `Reference`: each flight's own thrust, battery
+and bias, which flights are unlike the others, and a fit of everything else, from which `corrected`
+makes a rig.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,16 +30,16 @@ from wakedeploy.gap.systems.gantry.search.naming import may_be_nothing
 from wakedeploy.gap.systems.gantry.search.refitting import reduced, refitted
 from wakedeploy.gap.systems.gantry.varying import SAG, Varying, varying
 
-# What flights may have of their own, before they are looked at: so loose that it says nothing.
+# Priors of each flight's own values before a first look: so loose that they say nothing.
 LOOSE = Repeatability(thrust=0.03, sag_per_s=0.003, bias_m=0.01)
-FREEDOMS = ("crosswind-offset", "battery-sag", "wake-decay")  # that no calibration measures
+FREEDOMS = ("crosswind-offset", "battery-sag", "wake-decay")  # no calibration measures these
 _FIRST_TURNS = 2
 _FIELDS = {"thrust.sufferer.scale": "thrust", SAG: "sag_per_s", "range.bias_m": "bias_m"}
 
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """A quantity of which every flight has its own: values and errors (n,), and their variation.
+    """A quantity that differs between flights: values and errors (n,), and their variation.
 
     The variation is that of the flights that are like one another.
     """
@@ -74,7 +74,7 @@ class Reference:
 
     @property
     def repeatability(self) -> Repeatability:
-        """The variation that is sure, of each quantity."""
+        """The variation of each quantity, if it is sure."""
         sure = {
             _FIELDS[o.quantity.name]: o.between.sd for o in self.variations if o.between.is_sure
         }
@@ -84,7 +84,7 @@ class Reference:
 def learn(rig: Rig, flights: Sequence[Flight], progress: Progress = quiet) -> Reference:
     """Fit the flights, each with values of its own; then once more with what varies.
 
-    Raises UnusableInput for fewer flights than `RULES.fewest_flights` and one.
+    Raises UnusableInput for fewer than `RULES.fewest_flights` + 1 flights.
     """
     if len(flights) <= RULES.fewest_flights:
         raise UnusableInput(
@@ -147,7 +147,7 @@ def _variation(
 
 
 def _settled(first: Reference) -> Reference:
-    """Everything that the flights have in common, fitted beside what varies."""
+    """All that the flights have in common, fitted together with what varies."""
     steady = first.rig.model_copy(update={"repeatability": first.repeatability})
     flights = [first.model.flights[i] for i in first.kept]
     near, base = refitted(*_from(GantryModel(steady, flights), first.fit))
@@ -162,6 +162,6 @@ def _settled(first: Reference) -> Reference:
 
 
 def _from(model: GantryModel, base: Fit) -> tuple[GantryModel, Fit]:
-    """The base hypothesis on the flights of a model, from where another fit of it stands."""
+    """The base hypothesis on a model's flights, starting from another fit of it."""
     model = model.standing(base)
     return model, fit(model, (), range(model.episodes), base.theta)

@@ -35,7 +35,7 @@ class Variation:
 
 
 def variation(values: FloatArray, errors: FloatArray) -> Variation:
-    """Between values (n,) with standard errors (n,); ValueError for fewer than three."""
+    """The variation of values (n,) with standard errors (n,); ValueError for fewer than three."""
     count = len(values)
     if count < 3:
         raise ValueError(f"{count} flights do not tell how much flights vary")
@@ -50,14 +50,14 @@ def variation(values: FloatArray, errors: FloatArray) -> Variation:
 
 
 def _scatter(values: FloatArray, errors: FloatArray, variance: float) -> float:
-    """The sum of squares around the weighted mean, were the variance between flights this."""
+    """The sum of squares around the weighted mean, if this were the variance between flights."""
     weights = 1.0 / (errors**2 + variance)
     mean = float(weights @ values / weights.sum())
     return float(weights @ (values - mean) ** 2)
 
 
 def _where(values: FloatArray, errors: FloatArray, scatter: float) -> float:
-    """The variance under which the scatter is this; 0 where it is less without any."""
+    """The variance that gives this scatter; 0 if the scatter is less even without any."""
     if _scatter(values, errors, 0.0) <= scatter:
         return 0.0
     most = float(np.ptp(values)) ** 2 * len(values) + 1e-12
@@ -68,7 +68,7 @@ def _where(values: FloatArray, errors: FloatArray, scatter: float) -> float:
 
 @dataclass(frozen=True)
 class Apart:
-    """One flight beside the others: how far away it is, and how often chance alone does that."""
+    """One flight against the others: how far away it is, and how often chance alone does that."""
 
     flight: int
     away: float
@@ -78,8 +78,8 @@ class Apart:
 def farthest(values: FloatArray, errors: FloatArray, tried: int) -> Apart:
     """The flight that is least like the others, (n,) each; `tried` comparisons are made in all.
 
-    Each flight is left out, and compared with what the others' scatter and its own error allow
-    (Student, n − 2). Bonferroni's correction is for the number of comparisons.
+    Each flight is left out and compared with what the others' scatter and its own error allow
+    (Student, n − 2), with Bonferroni's correction for the number of comparisons.
     """
     each = [_apart(values, errors, flight, tried) for flight in range(len(values))]
     return min(each, key=lambda spread: spread.p_value)
@@ -88,7 +88,7 @@ def farthest(values: FloatArray, errors: FloatArray, tried: int) -> Apart:
 def _apart(values: FloatArray, errors: FloatArray, flight: int, tried: int) -> Apart:
     others = np.delete(values, flight)
     count = len(others)
-    # Others that agree by chance better than their errors allow are no measure.
+    # Others that by chance agree better than their errors allow are no measure.
     between = max(float(others.var(ddof=1)), float(np.mean(np.delete(errors, flight) ** 2)))
     away = float(values[flight] - others.mean())
     error = (between * (1.0 + 1.0 / count) + float(errors[flight]) ** 2) ** 0.5

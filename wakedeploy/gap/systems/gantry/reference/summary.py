@@ -1,4 +1,4 @@
-"""What reference flights have told, as JSON and in words.
+"""What reference flights have shown, as JSON and in words.
 
 In: a `Reference`. Out: `reference.json`'s content, and sentences with sizes and p-values.
 """
@@ -58,7 +58,7 @@ def _variation_as_json(learned: Own, names: Sequence[str]) -> dict[str, Any]:
 
 
 def sentences(reference: Reference) -> list[str]:
-    """The same in plain words, the flights that are unlike the others first."""
+    """The same in plain words, with the flights that are unlike the others first."""
     lines = [_odd(odd, Path(reference.flights[odd.flight].name).name) for odd in reference.odd]
     lines += [_variation(quantity) for quantity in reference.variations]
     for name in reference.fit.hypothesis:

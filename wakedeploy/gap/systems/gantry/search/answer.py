@@ -1,4 +1,4 @@
-"""What `name.json` says of an answer: sizes, gains, who could be taken for whom, and the noise.
+"""What `name.json` says of an answer: sizes, gains, likely confusions, and the noise.
 
 In: an `Answer`. Out: the artefact of `name`.
 """
@@ -31,15 +31,15 @@ from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round
 from wakedeploy.gap.systems.gantry.search.threshold import FLIGHTS, SECONDS
 from wakedeploy.physics.effects import LIBRARY
 
-_CONFUSED = 14  # effects in the picture of what can be told apart
-_NEAR_TOP = 5  # of a ranking; what comes after it decides nothing
+_CONFUSED = 14  # effects in the picture of confusions
+_NEAR_TOP = 5  # of a ranking; what comes after them decides nothing
 
 
 def told_of(answer: Answer, started_s: float, is_simulated: bool = True) -> Name:
     """What `name.json` says; the search began at `started_s`, monotonic.
 
-    `is_simulated` says that the thresholds are the rig's own. What only a verdict can stand on, as
-    how sure a name is and what would have been detected, an inconclusive answer leaves out.
+    `is_simulated` says that the thresholds are the rig's own. An inconclusive answer leaves out
+    what only a verdict can rest on: how sure a name is, and what would have been detected.
     """
     concluded = answer.verdict != "inconclusive"
     return Name(
@@ -87,7 +87,7 @@ def _sized(fitted: Fit, effect: str) -> Sized:
 
 
 def sizes_of(fitted: Fit, effect: str) -> Sizes:
-    """The parameters of one of a fit's effects as the flights tell them, with 90 % intervals."""
+    """The parameters of one of a fit's effects by the flights, with 90 % intervals."""
     fitted = told_by_data(fitted, effect)
     return {p.name: _size(fitted, f"{effect}.{p.name}", p.unit) for p in LIBRARY[effect].parameters}
 
@@ -95,7 +95,7 @@ def sizes_of(fitted: Fit, effect: str) -> Sizes:
 def _size(fitted: Fit, name: str, unit: str) -> Size:
     value, (low, high) = fitted.value(name), fitted.interval(name)
     free = next(f for f in fitted.free if f.name == name)
-    # An end of the range is no estimate; not so zero, nor where the parameter changes nothing.
+    # An end of the range is no estimate, unless it is 0 or where the parameter changes nothing.
     at_bound = value in {free.low, free.high} - {0.0, free.neutral}
     holds_neutral = not at_bound and bool(low <= free.neutral <= high)
     return Size(
@@ -104,7 +104,7 @@ def _size(fitted: Fit, name: str, unit: str) -> Size:
 
 
 def bent(fitted: Fit) -> list[Bent]:
-    """Calibrated constants that the flights want far from where the rig file has them."""
+    """Calibrated constants that the flights want far from the rig file's value."""
     found = [
         Bent(
             name=f.name,
@@ -121,7 +121,7 @@ def bent(fitted: Fit) -> list[Bent]:
 
 
 def _closest(answer: Answer) -> str:
-    """Of an unknown, the known effect that gains most alone, if it gains enough; or ""."""
+    """For an unknown, the known effect that gains most alone, if it gains enough; or ""."""
     best = answer.rounds[0].ranking[0]
     leads = answer.verdict == "unknown" and best.gain_nats >= answer.rounds[0].least_nats
     return best.name if leads else ""
@@ -146,18 +146,18 @@ def unsettled(answer: Answer) -> list[str]:
 
 
 def _unmoved(fitted: Fit, effect: str) -> bool:
-    """Whether all of an effect's parameters stand exactly where they are neutral."""
+    """Whether all of an effect's parameters are exactly neutral."""
     parameters = own_parameters(fitted.free, effect)
     return all(abs(fitted.value(f.name) - f.neutral) < 1e-9 * f.prior_sd for f in parameters)
 
 
 def _beside(answer: Answer) -> list[str]:
-    """Effects that explain a part of what is unknown, also beside its expression, if it has one."""
+    """Effects that explain a part of what is unknown, beside an expression if there is one."""
     return [n for n in answer.fit.hypothesis if n in LIBRARY and answer.verdict == "unknown"]
 
 
 def _leading(answer: Answer, is_simulated: bool) -> Leading:
-    """The effects that few flights speak for most and do not tell apart, and what comes after."""
+    """The effects that few flights favour most and cannot tell apart, and what comes after."""
     (searched,) = answer.rounds
     after = next((c for c in searched.ranking if c not in searched.near), None)
     return Leading(
@@ -172,7 +172,7 @@ def _leading(answer: Answer, is_simulated: bool) -> Leading:
 
 
 def _untried(answer: Answer) -> list[str]:
-    """Effects of the library that neither the ranking nor the rig file has."""
+    """Effects of the library that are neither in the ranking nor in the rig file."""
     known = {c.name for c in answer.rounds[0].ranking} | {e.name for e in answer.model.rig.effect}
     return [name for name in LIBRARY if name not in known]
 
@@ -197,7 +197,7 @@ def _round(searched: Round, concluded: bool, is_simulated: bool) -> RoundTold:
 
 
 def _confusion(answer: Answer) -> Confusion:
-    """How well each leading effect could be imitated by each other one, at the size found."""
+    """How well each other effect could imitate each leading one, at the size found."""
     first = answer.rounds[0]
     leading = list(first.ranking[:_CONFUSED])
     sizes = {
@@ -235,6 +235,6 @@ def _split_by(answer: Answer) -> str:
 
 
 def _others(answer: Answer) -> list[str]:
-    """What is as near as the members of a class, beyond the three that it lists."""
+    """Effects as near as the members of a class, beyond the three that it lists."""
     found = [r for r in answer.rounds if r.found in answer.members]
     return [c.name for c in found[0].near[RULES.most_in_class :]] if found else []

@@ -1,10 +1,10 @@
 """The gap before and after, on flights that nothing was fitted to.
 
-Where there are too few to seal any, each is shown with the sizes that the others say.
+If there are too few flights to seal any, each is shown with the sizes from the others.
 
 In: what was found and the flights to show. Out: `show.json`: errors per channel with intervals and
-the noise floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many
-parameters, the best of those by gain, which must not help.
+the noise floor, errors per place, whiteness of the rest, and a placebo: the wrong effect of the
+same number of parameters that gains most, which must not help.
 """
 
 import math
@@ -49,8 +49,8 @@ _MOST_MAPS = 6
 class Shown:
     """Flights under a hypothesis, around the motion that it explains.
 
-    `by_flight` are the fits whose parameters each flight is shown with, none fitted to that flight
-    where there are several; `fit` has all flights' scores.
+    `by_flight` are the fits that give each flight its parameters; if there are several, none is
+    fitted to its own flight. `fit` has all flights' scores.
     """
 
     model: GantryModel
@@ -59,16 +59,16 @@ class Shown:
 
     @classmethod
     def of(cls, model: GantryModel, fitted: Fit) -> "Shown":
-        """Sealed flights scored under a fit's parameters; none of them is fitted to these.
+        """Sealed flights scored under a fit's parameters; nothing is fitted to them.
 
-        It begins around the motion that `model` has: best that of something simpler.
+        It begins around the motion of `model`, which is best that of something simpler.
         """
         near = model.around_own_motion(fitted)
         return cls(near, applied(near, fitted), (fitted,) * near.episodes)
 
     @classmethod
     def left_out(cls, model: GantryModel, fits: Sequence[Fit]) -> "Shown":
-        """Each flight under the fit to the others, (E,) fits of one hypothesis."""
+        """Each flight under the fit to the others; (E,) fits of one hypothesis."""
         each = [cls.of(model.only([i]), fitted) for i, fitted in enumerate(fits)]
         near = GantryModel(model.rig, [shown.model.flights[0] for shown in each], model.extra)
         scores = tuple(shown.fit.slopes.scores[0] for shown in each)
@@ -92,11 +92,10 @@ def show(
 ) -> Show:
     """`show.json`, without the predictors of `retrain`.
 
-    `corrected` is the fit whose effects the corrected rig file has (None: nothing was added),
-    `members` the class that was named, if any.
-    `in_sample` says that the flights shown are those that were fitted, none being sealed: each is
-    then left out in turn, unless there is but one. A placebo beside what cannot be confirmed would
-    confirm nothing: of so few flights there is none.
+    `corrected` is the fit whose effects the corrected rig file has (None: nothing was added);
+    `members` is the class that was named, if any. `in_sample` says that none is sealed, so that the
+    flights shown are the fitted ones: each is then left out in turn, unless it is the only one.
+    There is then no placebo: beside an effect that cannot be confirmed it would confirm nothing.
     """
     crossed = in_sample and len(sealed) > 1
     few = in_sample and cannot_tell(len(sealed))
@@ -129,7 +128,7 @@ def show(
 
 
 def under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: bool) -> Shown:
-    """The flights under a fit, or each under what the others of them say (`crossed`)."""
+    """The flights under a fit, or (`crossed`) each under the fit to the others."""
     if not crossed:
         return Shown.of(flights, fitted)
     others = [[j for j in range(flights.episodes) if j != i] for i in range(flights.episodes)]
@@ -138,7 +137,7 @@ def under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: bo
 
 
 def _hiding(base: Fit, corrected: Fit) -> list[Bent]:
-    """Constants that are bent far without an effect, and with it are not, or are its own."""
+    """Constants that are bent far without an effect, but not with it, or that it replaces."""
     still = {constant.name for constant in bent(corrected)}
     return [constant for constant in bent(base) if constant.name not in still]
 
@@ -152,7 +151,7 @@ def gaps(before: Shown, after: Shown) -> dict[str, Gap]:
     for horizon_s in HORIZONS_S:
         old, new = _errors(before, horizon_s), _errors(after, horizon_s)
         b, a = _rms(old), _rms(new)
-        # Noise alone errs no more than any model did; the fitted noise may expect more of itself.
+        # Noise alone errs no more than any model; the fitted noise may expect more of itself.
         floor = min(_expected(after, horizon_s), a, b)
         table[f"height {horizon_s:g} s ahead"] = Gap(
             before=b,
@@ -167,13 +166,13 @@ def gaps(before: Shown, after: Shown) -> dict[str, Gap]:
 
 
 def closed_share(before: float, after: float, floor: float) -> float:
-    """(before² − after²) / (before² − floor²); NaN where noise alone errs nearly as much."""
+    """(before² − after²) / (before² − floor²); NaN if noise alone errs nearly as much."""
     excess = before**2 - floor**2
     return (before**2 - after**2) / excess if excess > 0.02 * floor**2 else math.nan
 
 
 def _errors(shown: Shown, horizon_s: float) -> list[FloatArray]:
-    """Errors per block of two seconds, over all sealed flights."""
+    """Errors in blocks of two seconds, over all sealed flights."""
     blocks = []
     for episode in range(shown.model.episodes):
         ahead = shown.model.forecasts(shown.by_flight[episode], episode, (horizon_s,))
@@ -240,7 +239,7 @@ def _line(model: GantryModel, base: Fit) -> GantryModel:
 
 
 def _maps_of(places: Sequence[Place]) -> list[tuple[str, str]]:
-    """Channel and coordinate of the places, each map once, in order; "everywhere" over height."""
+    """The channel and coordinate of each place, every map once; "everywhere" counts as height."""
     maps = [(place.channel, place.coordinate) for place in places]
     return list(
         dict.fromkeys(
@@ -254,7 +253,7 @@ def _maps_of(places: Sequence[Place]) -> list[tuple[str, str]]:
 def _binned(
     series: Sequence[Residuals], name: str, edges: FloatArray
 ) -> tuple[list[float], list[float]]:
-    """Means per bin, and how far their 90 % intervals reach: neighbours in time err alike."""
+    """Means per bin, and their 90 % reach; neighbours in time err alike."""
     where = np.concatenate([s.coordinates[name] for s in series])
     value = np.concatenate([s.value for s in series])
     known = np.isfinite(where) & np.isfinite(value)
@@ -273,9 +272,9 @@ def _placebo(
     found_nats: float,
     crossed: bool,
 ) -> Placebo | None:
-    """The best wrong effect in the place of what was found, fitted and shown likewise.
+    """The best wrong effect in place of what was found, fitted and shown the same way.
 
-    None without any.
+    None if there is none.
     """
     wrong = wrong_effects(found.tried, hypothesis, members)
     if not wrong:
@@ -300,9 +299,9 @@ def wrong_effects(
 ) -> list[Tried]:
     """The first search's effects that can be told from what was found, in its order.
 
-    None is in the hypothesis, in the class, or confused with one of those, whichever of the two
-    names the other. Those that the fit made use of, where there are some: an effect fitted to
-    nothing could not help. Of these, those with as many parameters, where there are some.
+    Left out are those of the hypothesis and the class, and those confused with one of these,
+    whichever of the two names the other. Those that the fit used are kept, if any: an effect fitted
+    to nothing could not help. Of these, those with as many parameters are kept, if any.
     """
     claimed = {*hypothesis, *members}
     known = [LIBRARY[n] for n in claimed if n in LIBRARY]

@@ -1,7 +1,7 @@
 """A rig with what `name.json` says is missing: its effects as entries of the rig file.
 
-In: a rig, and effects and an expression as `name.json` tells them. Out: the corrected rig, and what
-was added to it.
+In: a rig, and effects and an expression from `name.json`. Out: the corrected rig, and what was
+added to it.
 """
 
 import datetime
@@ -26,8 +26,8 @@ def corrected_rig(
 ) -> tuple[Rig, list[Effect]]:
     """The rig with these effects and the expression `unknown`, and both as its entries.
 
-    `digest` is the hash of the flights that they were found in. Raises UnusableInput for what no
-    rig file may have.
+    `digest` is the hash of the flights that they were found in. Raises UnusableInput for what a rig
+    file cannot have.
     """
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     added = [entry_of(effect, digest, date) for effect in effects]
@@ -41,7 +41,7 @@ def corrected_rig(
 
 
 def entry_of(effect: Sized, digest: str, date: str) -> Effect:
-    """An effect as a rig file lists it; UnusableInput for sizes that are none."""
+    """An effect as a rig file lists it; UnusableInput for impossible sizes."""
     try:
         return Effect(name=effect.name, parameters=effect.entries(), data_sha256=digest, date=date)
     except ValidationError as error:

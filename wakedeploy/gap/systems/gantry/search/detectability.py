@@ -1,7 +1,7 @@
 """What the flights would have shown: how large each effect must be for the search to find it.
 
 In: an `Answer`. Out: a size per effect of the library that was not found; NaN where no size within
-its bounds would have been found, or where it cannot be told.
+its bounds would have been found, or where that cannot be known.
 """
 
 import math
@@ -12,17 +12,16 @@ from wakedeploy.gap.systems.gantry.findings import Detectable
 from wakedeploy.gap.systems.gantry.search.outcome import Answer
 from wakedeploy.physics.effects import LIBRARY
 
-_AGREE = 2.0  # slope and size itself, in nats: farther apart, the effect is not linear
+_AGREE = 2.0  # nats by slope over nats by size: farther apart, the effect is not linear
 
 
 def detectable(answer: Answer) -> dict[str, Detectable]:
     """For each effect the size of its first parameter that four data sets of five would show.
 
-    What an effect would gain follows from the
-    slope of the innovations where it is not there. Where their change at the told size itself is
-    another, as for a dead band, the size is not `known`.
+    What an effect would gain follows from the slope of the innovations without it. Where their
+    change at the size found is another, as for a dead band, the size is not `known`.
     """
-    least = answer.thresholds.effect_nats + 1.0  # leaving out costs a parameter one nat
+    least = answer.thresholds.effect_nats + 1.0  # leaving an episode out costs a parameter one nat
     nats = surely_nats(least)
     sizes, beside = {}, explained(answer.fit)
     for name in LIBRARY:
@@ -35,7 +34,7 @@ def detectable(answer: Answer) -> dict[str, Detectable]:
 
 
 def _size(answer: Answer, beside: Explained, name: str, nats: float) -> tuple[float, bool]:
-    """The size, or NaN for one out of bounds, and whether it can be told at all."""
+    """The size, or NaN for one out of bounds, and whether it can be known at all."""
     first = LIBRARY[name].parameters[0]
     model, base = answer.model, answer.fit
     per_square = 0.5 * float(information(model, base, beside, name)[0, 0])

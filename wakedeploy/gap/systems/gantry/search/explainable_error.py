@@ -1,11 +1,11 @@
-"""How much any explanation could remove of the forecast error, where none was found.
+"""How much of the forecast error any explanation could remove, if none was found.
 
-Flights may disagree with a model beyond doubt, and the forecast be none the worse for it. Whatever
-is missing shows as a mean error at some place, or as innovations that tell of the next ones; what
-both together predict of the error on other flights is what knowing it would be worth.
+Flights may disagree with a model beyond doubt without making its forecasts worse. Whatever is
+missing shows as a mean error at some place, or as innovations that predict the next ones; what both
+together predict of the error on other flights is what knowing it would be worth.
 
 In: a base fit, and the flights that judge. Out: the share of the squared error 0.25 s ahead that
-goes with the best map and with the filter's own last innovations.
+the best map and the filter's own last innovations remove.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ _STRAY = 5.0
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """One flight's forecast errors (n,) and what is known when they are made."""
+    """One flight's forecast errors (n,), and what is known when they are made."""
 
     at_s: FloatArray
     error_m: FloatArray
@@ -37,9 +37,9 @@ class _Told:
 
 
 def explainable(model: GantryModel, fitted: Fit, judging: GantryModel | None) -> Removed:
-    """What could be removed, told by the flights of `model` of those of `judging`.
+    """The error that could be removed from the flights of `judging`, by what those of `model` show.
 
-    Without any that judge, each flight is told by the others.
+    Without `judging`, each flight is predicted by the others.
     """
     known = [_errors_ahead(model, fitted, i) for i in range(model.episodes)]
     if judging is not None:
@@ -58,7 +58,7 @@ def _removed(known: list[_Told], other: list[_Told]) -> Removed:
 
 
 def _blocks(known: list[_Told], other: list[_Told]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Errors of `other` per block, as they are and without what `known` tells of them."""
+    """Errors of `other` per block, as they are and without what `known` predicts of them."""
     name = max(COORDINATES, key=lambda coordinate: _explained(known, coordinate))
     edges = _edges(known, name)
     design = [_design(flight, name, edges) for flight in known]
@@ -87,7 +87,7 @@ def _errors_ahead(model: GantryModel, fitted: Fit, episode: int) -> _Told:
 
 
 def _explained(known: Sequence[_Told], name: str) -> float:
-    """The squared error that a map over a coordinate takes away where it was drawn."""
+    """The squared error that a map over a coordinate removes where it was drawn."""
     edges = _edges(known, name)
     errors = np.concatenate([flight.error_m for flight in known])
     rows = np.vstack([_in_bins(flight.places[name], edges) for flight in known])
@@ -104,7 +104,7 @@ def _edges(known: Sequence[_Told], name: str) -> FloatArray:
 
 
 def _in_bins(where: FloatArray, edges: FloatArray) -> FloatArray:
-    """One column per bin (n, bins); nothing where the coordinate is not known."""
+    """One column per bin (n, bins); all zero where the coordinate is not known."""
     number = np.digitize(np.nan_to_num(where), edges)
     rows = np.eye(len(edges) + 1)[number]
     return np.asarray(np.where(np.isfinite(where)[:, None], rows, 0.0))

@@ -1,8 +1,8 @@
-"""The forces of which an unknown one may be a sum: some eighty terms c·f(state of the rig).
+"""The terms of an unknown force: some eighty functions c·f(state of the rig).
 
-In: a term's name. Out: an effect with one parameter, or with two for a wave of free phase. Where a
-term depends on a quantity that hardly leaves a mean, its function is centred there, so that it is
-not mistaken for the thrust scale that every fit has; its prior allows 0.2 N at a typical value.
+In: a term's name. Out: an effect with one parameter, or with two for a wave of free phase. If a
+term depends on a quantity that hardly leaves a mean, its function is centred there: otherwise it
+would pass for the thrust scale that every fit has. Its prior allows 0.2 N at a typical value.
 """
 
 import functools
@@ -104,7 +104,7 @@ _STRETCH = re.compile(r"stretch-(?P<second>\d{1,3})s")
 _STRETCHES = tuple(f"stretch-{second}s" for second in range(2, 19, 2))
 _WAVE = re.compile(r"wave-in-(time-(?P<mhz>\d{3,5})mhz|(?P<axis>height|place)-(?P<mm>\d{2,4})mm)")
 _HEIGHT_MM = (50, 60, 72, 86, 104, 125, 150, 200, 300)
-# 1.25 periods per metre apart: passes of 0.8 m tell waves closer together hardly asunder. The
+# 1.25 periods per metre apart: passes of 0.8 m can hardly tell waves that are closer together. The
 # shortest is the way of a belt on a pulley of 20 teeth of 2 mm.
 _PLACE_MM = tuple(round(1000 / (1.25 * n)) for n in range(2, 21))
 _WAVES_IN_STATE = tuple(

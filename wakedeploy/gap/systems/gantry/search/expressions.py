@@ -1,12 +1,12 @@
 """A sparse expression for a force that no effect of the library explains.
 
 In: a model, and a fit of it that leaves something over. Out: a few terms of `expression_terms`, as
-text with units and as an effect that a rig file can hold. Terms are chosen one after another, by
-what they gain on episodes that they were not fitted to. All are refitted together; those no longer
+text with units and as an effect that a rig file can hold. Terms are chosen one after another by
+their gain on episodes that they were not fitted to. All are refitted together; those no longer
 needed are dropped.
 
-Only the most promising terms of each round are fitted (`expected_gains`). A term that was found
-early and stood for two others gives its place to a rival, or is dropped.
+Only the most promising terms of each round are fitted (`expected_gains`). An early term that stood
+for two others gives its place to a rival, or is dropped.
 """
 
 import functools
@@ -46,15 +46,13 @@ from wakedeploy.physics.effects.symbolic import SYMBOLIC, ExpressionForce
 
 SEARCHED = (*TERMS, *(wave_in_time(0.05 * n) for n in range(10, 101)))  # 0.5 to 5 Hz
 MOST_TERMS = 3
-_NEAR_NATS = 8.0  # terms that promise so much less than the best are not fitted
+_NEAR_NATS = 8.0  # a term that promises this much less than the best is not fitted
 _MOST_FITTED = 4
-_WORTH_FITTING = 0.7  # of what a term must gain; slopes at zero promise somewhat too little
+_WORTH_FITTING = 0.7  # of what a term must gain: slopes at zero promise somewhat too little
 _MOST_RIVALS = 6
-_RIVALS_SHARE = 0.4  # of the best's promise, for a term that may take its place later
-_MOST_WAVES = 25  # of those of one round, so many are tried in the next
-_SURELY = (
-    3.0  # times what a term must gain, by the standard error: no refit without the term is needed
-)
+_RIVALS_SHARE = 0.4  # of the best's promise: such a term may take the best one's place later
+_MOST_WAVES = 25  # the most waves of one round that are tried in the next
+_SURELY = 3.0  # standard errors from zero beyond which a term needs no refit without it
 
 Rank = Callable[[Model, Fit, Sequence[str]], list[Candidate]]
 _ranked: Rank = functools.partial(rank, released=False)  # a term moves no calibrated constant
@@ -76,9 +74,9 @@ class Symbolic:
     """A force as an expression.
 
     `expression` is in newtons, with coefficients by name; `text` has their numbers and units.
-    `coordinates` are what it depends on, the most telling first; `gain_nats` is what it gains on
-    episodes held out, `gains` (E,) per episode, what the priors say apart from that in
-    `prior_gain`; `fit` is the fit that has it.
+    `coordinates` are what it depends on, the most telling first. `gain_nats` is its gain on
+    episodes held out: `gains` (E,) per episode, and `prior_gain` by the priors. `fit` is the fit
+    that has it.
     """
 
     terms: tuple[str, ...]
@@ -92,7 +90,7 @@ class Symbolic:
 
     @property
     def gain_nats(self) -> float:
-        """The sum over the episodes, and what the priors say."""
+        """The sum over the episodes, with the priors' part."""
         return float(self.gains.sum()) + self.prior_gain
 
     @property
@@ -123,13 +121,13 @@ def search(
     wave_nats: float | None = None,
     most_terms: int = MOST_TERMS,
 ) -> Symbolic | None:
-    """The sparse expression on top of `base`, or None where no term gains enough.
+    """The sparse expression on top of `base`, or None if no term gains enough.
 
     `model` must know the terms as effects. `setting` has the numbers of the rig that terms mention
     (`vars(setting_of(rig))`). Each term must gain `least_nats` on held-out episodes; by default as
-    much as the best of so many terms without any truth in them would hardly gain. A wave in time
-    must gain `wave_nats`, if that is given: there are many of them, unlike one another, with two
-    coefficients each, and the best of them gains more by chance.
+    much as the best of as many false terms would hardly gain. A wave in time must gain `wave_nats`,
+    if that is given: there are many of them, unlike one another, with two coefficients each, and
+    the best of them gains more by chance.
     """
     least = math.log(len(names)) + 3.0 if least_nats is None else least_nats
     bars = _Bars(least, least if wave_nats is None else wave_nats)
@@ -148,10 +146,10 @@ def to_effect(
     date: str | None = None,
     onto: rig.Effect | None = None,
 ) -> rig.Effect:
-    """The expression as a rig file's effect; from `name.json`'s "unknown" as well.
+    """The expression as a rig file's effect; it may also come from `name.json`'s "unknown".
 
-    `onto` is the symbolic force that the rig has already; both are summed. Raises UnusableInput for
-    what is no expression in the variables and its own parameters.
+    `onto` is the symbolic force that the rig already has; both are summed. Raises UnusableInput for
+    a text that is no expression in the variables and its own parameters.
     """
     known = symbolic.as_artefact if isinstance(symbolic, Symbolic) else symbolic
     try:
@@ -175,7 +173,7 @@ def to_effect(
 def _summed(
     old: rig.Effect, text: str, new: Expression, stated: Mapping[str, rig.EffectParameter]
 ) -> tuple[Expression, dict[str, rig.EffectParameter]]:
-    """Two forces as one, the new one's parameters under names that are still free."""
+    """Two forces as one; the new one's parameters get names that are still free."""
     before = expression_of(text, old.parameters)
     free = (name for n in itertools.count(1) if (name := f"c{n}") not in old.parameters)
     names = dict(zip(stated, free))  # noqa: B905 - the second never ends
@@ -192,7 +190,7 @@ class _Bars:
     time: float
 
     def of(self, name: str) -> float:
-        """By the family that a term belongs to."""
+        """The bar of the family that a term belongs to."""
         return self.time if is_wave_in_time(name) else self.state
 
 
@@ -217,8 +215,8 @@ class _Search:
     def add(self) -> bool:
         """Take the term that gains most on held-out episodes, if it gains enough.
 
-        A wave has its frequency refined. A term that promises little of what it must gain even on
-        the episodes that it is fitted to is not fitted.
+        A wave has its frequency refined. A term is not fitted if it promises little of what it must
+        gain even on the episodes that it is fitted to.
         """
         remaining = [name for name in self._names if name not in self.chosen]
         promised = dict(zip(remaining, promises(self._model, self.current, remaining), strict=True))
@@ -242,7 +240,7 @@ class _Search:
         return True
 
     def exchange(self) -> None:
-        """Give each earlier term's place to its best rival, where that now gains more."""
+        """Give an earlier term's place to its best rival, if that now gains more."""
         for name, rivals in list(self.chosen.items())[:-1]:
             free = [rival for rival in rivals if rival not in self.chosen]
             if not free:
@@ -295,7 +293,7 @@ class _Search:
 
 
 def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce]) -> Candidate:
-    """Of the candidates that gain nearly as much as the best, the one with the fewest parts."""
+    """The candidate with the fewest parts among those that gain nearly as much as the best."""
     best = max(c.gain_nats for c in ranked)
     equal = [c for c in ranked if c.gain_nats > best - RULES.shorter_nats]
     return min(equal, key=lambda c: (len(list(nodes(terms[c.name].formula.root))), -c.gain_nats))
@@ -345,7 +343,7 @@ def _coefficients(fitted: Fit, term: ExpressionForce, first: int) -> list[Coeffi
 
 
 def _coordinates(chosen: Sequence[ExpressionForce]) -> tuple[str, ...]:
-    """The variables in the order in which the terms were found."""
+    """The variables, in the order in which the terms were found."""
     found = [
         node.name
         for term in chosen

@@ -1,12 +1,12 @@
 """Does what was found matter: how much of the forecast error it removes where nothing was fitted.
 
-Evidence and importance are two questions. A thousand readings make a force of 0.02 N certain; a
-forecast may not be the better for it.
+Evidence and importance are two questions. A thousand readings make a force of 0.02 N certain; the
+forecast may still be no better for it.
 
-In: what was found, and the sealed flights (without any, each flight with what the others say). Out:
-for each effect the share of the squared forecast error that it removes 0.25 s and 1 s ahead, block
-by block against the same model without it. Also what it gains in likelihood there, and the same of
-a placebo: a wrong effect.
+In: what was found, and the sealed flights (without any, each flight with the fit to the others).
+Out: for each effect the share of the squared forecast error that it removes 0.25 s and 1 s ahead,
+block by block against the same model without it; its gain in likelihood there; and the same for a
+placebo, a wrong effect.
 """
 
 import math
@@ -40,7 +40,7 @@ class Removed:
 
     @property
     def clearly(self) -> bool:
-        """Whether it is a share that counts, and surely not nothing."""
+        """Whether the share counts and is surely above 0."""
         return self.share >= RULES.least_share and self.low > 0.0
 
     @property
@@ -53,8 +53,8 @@ class Removed:
 class Mattering:
     """What one effect (or an expression) is worth on flights that it was not fitted to.
 
-    `removed` by horizon [s]; `gain_nats` of the sealed likelihood. `cost` is the force that it
-    makes along the flights, and the tracking error of a controller that ignores it.
+    `removed` is by horizon [s]; `gain_nats` is in the sealed likelihood. `cost` is the force that
+    it makes along the flights, and the tracking error of a controller that ignores it.
     `placebo_shares` is what a wrong effect removes by horizon, `placebo_nats` what it gains; None
     without one.
     """
@@ -67,7 +67,7 @@ class Mattering:
 
     @property
     def helps(self) -> bool:
-        """Whether forecasts are better for it, and at one horizon more than for a wrong effect."""
+        """Whether it improves forecasts, and at one horizon more than a wrong effect does."""
         placebo = self.placebo_shares or {}
         better = [r.share > max(placebo.get(h, 0.0), 0.0) for h, r in self.removed.items()]
         return self.removed[0.25].share > 0.0 and any(better)
@@ -86,8 +86,8 @@ class Mattering:
     def matters(self) -> bool:
         """Whether it removes a share that counts at a horizon, and spoils no forecast.
 
-        Surely more than nothing: by the share's own interval, or because the sealed likelihood
-        speaks for it, which tells more of few blocks.
+        The share must surely be above 0: by its own interval, or because the sealed likelihood
+        speaks for it, which says more of few blocks.
         """
         spoils = any(r.high < 0.0 for r in self.removed.values())
         counts = [r for r in self.removed.values() if r.share >= RULES.least_share]
@@ -120,10 +120,10 @@ def mattering(
     members: Sequence[str] = (),
     crossed: bool = False,
 ) -> list[Mattering]:
-    """For each part (names of the hypothesis that stand or fall together) what it is worth.
+    """What each part is worth: names of the hypothesis that stand or fall together.
 
-    A part is judged against all else that was found. `crossed`: no flight is sealed, each is judged
-    by what the others say.
+    A part is judged against all else that was found. `crossed`: no flight is sealed, and each is
+    judged with the fit to the others.
     """
     begin = GantryModel(found.model.rig, flights, found.model.extra)
     judge = _Judge(found, begin, crossed)
@@ -136,7 +136,7 @@ def mattering(
         shares = {h: removed(without.blocks[h], whole.blocks[h]) for h in BLOCKS_S}
         gain = whole.log_density - without.log_density
         cost = cost_of(found.model, found.fit, part)
-        # A wrong effect instead of all that was found is no measure of one among several.
+        # A wrong effect in place of all that was found is no measure of one among several.
         placebo = (None, None) if rest else judge.gained(wrong)
         worth.append(Mattering(shares, gain, cost, *placebo))
     return worth
@@ -159,7 +159,7 @@ class _Judge:
         self.base = self.errors(found.base_model, found.base)
 
     def errors(self, fitted_in: GantryModel, fitted: Fit) -> _Errors:
-        """Under a fit, or each flight under what the others of them say."""
+        """Errors under a fit, or of each flight under the fit to the others."""
         shown = under(self._flights, fitted_in, fitted, self._crossed)
         density = float(shown.fit.per_episode.sum())
         return _Errors({h: _blocks(shown, h) for h in BLOCKS_S}, density)
@@ -178,13 +178,13 @@ class _Judge:
         return shares, wrong.log_density - self.base.log_density
 
     def placebo(self, found: Found, members: Sequence[str]) -> _Errors | None:
-        """Under the best wrong effect, as the search fitted it; None where there is no other."""
+        """Errors under the best wrong effect, as the search fitted it; None without one."""
         wrong = wrong_effects(found.tried, found.fit.hypothesis, members)
         return self.errors(found.base_model, wrong[0].fit) if wrong else None
 
 
 def _blocks(shown: Shown, horizon_s: float) -> list[FloatArray]:
-    """Errors [m] of forecasts in blocks of time, all flights one after another."""
+    """Forecast errors [m] in blocks of time, all flights one after another."""
     blocks = []
     for episode, fitted in enumerate(shown.by_flight):
         ahead = shown.model.forecasts(fitted, episode, (horizon_s,))
@@ -195,7 +195,7 @@ def _blocks(shown: Shown, horizon_s: float) -> list[FloatArray]:
 
 
 def removed(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> Removed:
-    """The share of the squared error that went; the blocks of both are of the same samples."""
+    """The share of the squared error that is removed; both have blocks of the same samples."""
     known = np.isfinite(np.concatenate(list(before))) & np.isfinite(np.concatenate(list(after)))
     if not known.any():
         return Removed(0.0, -np.inf, np.inf)

@@ -1,8 +1,8 @@
 """What becomes of an answer once sealed flights have judged it: confirmed, small, or withdrawn.
 
 In: `name.json` as the search wrote it, and what its parts are worth (`mattering`). Out: the same
-with a label beside every effect, without what the sealed flights do not bear out. What does not
-matter stays named, and is not added to the rig file unless a person asks.
+with a label for every effect, without what the sealed flights do not bear out. What does not matter
+stays named, but is not added to the rig file unless a person asks.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ def parts_of(named: Name, hypothesis: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def judged(named: Name, parts: Sequence[Sequence[str]], worth: Sequence[Mattering]) -> Name:
-    """`name.json` after the sealed flights' word."""
+    """`name.json` after the sealed flights' judgement."""
     labels = {tuple(part): each for part, each in zip(parts, worth, strict=True)}
     if named.verdict == "named":
         return _of_names(named, {part[0]: each for part, each in labels.items()})
@@ -35,7 +35,7 @@ def judged(named: Name, parts: Sequence[Sequence[str]], worth: Sequence[Matterin
 
 
 def unexplained(named: Name, worth: Removed) -> Name:
-    """Where flights disagree and nothing was found: unknown only if knowing it would help."""
+    """If flights disagree and nothing was found: "unknown" only if knowing it would help."""
     verdict = "unknown" if worth.clearly else "none"
     return named.model_copy(update={"verdict": verdict, "explainable": worth.as_artefact})
 
@@ -51,7 +51,7 @@ def _of_names(named: Name, labels: Mapping[str, Mattering]) -> Name:
 
 
 def _of_class(named: Name, part: Sequence[str], worth: Mattering) -> Name:
-    """A class whose best member does not matter need not be split; what helps none is gone."""
+    """A class whose best member does not matter need not be split; if unconfirmed, it is gone."""
     if worth.matters:
         return named.model_copy(update={"worth": worth.as_artefact})
     nothing: dict[str, object] = {
@@ -69,7 +69,7 @@ def _of_class(named: Name, part: Sequence[str], worth: Mattering) -> Name:
 
 
 def _of_unknown(named: Name, worth: Mattering) -> Name:
-    """An expression that does not matter is no answer: what it tells of is a little rest."""
+    """An expression that does not matter is no answer: what it explains is a small rest."""
     if worth.matters or named.unknown is None:
         return named.model_copy(update={"worth": worth.as_artefact})
     small = named.unknown.model_copy(update={"worth": worth.as_artefact})

@@ -1,9 +1,9 @@
 """Which effect explains the disagreement: a name, a class, "unknown" or "none".
 
 In: a model of three flights or more to fit (`glance` is for fewer), and thresholds. Out: an
-`Answer`. Every effect is tried alone and on top of those found, ranked on flights held out; what is
+`Answer`. Every effect is tried alone and on top of those found, ranked on flights held out. What is
 found is refitted together, and dropped when it is no longer needed. What no effect explains is
-looked for as an expression, beside which an effect may no longer be needed either.
+sought as an expression; an effect beside it may no longer be needed either.
 """
 
 import functools
@@ -34,7 +34,7 @@ from wakedeploy.gap.systems.gantry.search.refitting import (
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
 
-_HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
+_HOPE_SHARE = 0.3  # of the threshold; a smaller linear promise will not reach it
 _CONTENDING_NATS = 12.0  # behind the best, a candidate may yet gain more around its own motion
 _MOST_CONTENDERS = 4
 
@@ -42,8 +42,8 @@ _MOST_CONTENDERS = 4
 def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
     """The base hypothesis, fitted around the motion that it and the readings agree on.
 
-    Effects that the rig file has already, friction above all, begin around the motion that the
-    readings have without them: a raw one has too many corners.
+    Effects that the rig file already has, mostly friction, start from the motion that the readings
+    have without them: a raw motion has too many corners.
     """
     everything = range(model.episodes)
     model = model.standing(model.neutral())
@@ -78,12 +78,11 @@ def name_effects(
 ) -> Answer:
     """Find, refit, drop, and decide. ValueError for fewer flights than `RULES.fewest_flights`.
 
-    `base` is the rig file as it is, fitted around the motion of a `model` with terms, where that is
-    known already (`fitted_base`).
-    `share` is how much of all that was flown is in `model`. Effects are rivals if all the flights
-    would not tell them apart, the sealed ones included: nats grow with the data. `disagrees` says
-    that there are places where flights and rig file disagree beyond noise: then something is
-    missing, even where the noise that is fitted to it looks white and no form explains it.
+    `base` is the unchanged rig file, fitted around the motion of a `model` with terms, if that is
+    already known (`fitted_base`). `share` is the part of all flights that is in `model`: effects
+    are rivals if all flights, the sealed ones included, could not tell them apart, as nats grow
+    with the data. `disagrees` says that flights and rig file disagree beyond noise at some places:
+    then something is missing, even if the fitted noise makes it look white and no form explains it.
     """
     if model.episodes < RULES.fewest_flights:
         raise ValueError(f"{model.episodes} flights; a verdict takes {RULES.fewest_flights}")
@@ -125,7 +124,7 @@ def _concluded(
     rest: Symbolic | None,
     disagrees: bool,
 ) -> Answer:
-    """The answer that a fit makes, with what an expression says of the unknown or of the rest."""
+    """The answer that a fit makes, with the expression of the unknown or of the rest."""
     white = whiteness(current)
     verdict, classes = _verdict(rounds, current, unknown, white, searched.thresholds, disagrees)
     return Answer(
@@ -151,12 +150,12 @@ def ranked_by_own_motion(
     threshold_nats: float,
     steps: StepsDone = uncounted,
 ) -> tuple[GantryModel, Fit, list[Candidate]]:
-    """The effects on top of a base, best first, the contenders each around its own motion.
+    """The effects on top of a base, best first, each contender around its own motion.
 
-    Around the base's motion a friction may show a third of what it gains: those near the best and
-    its relatives contend. Those that gain little beside the threshold stay as they were ranked
-    there. Returns the model around the base's motion and the base as well: a better base may have
-    been met, whose motion is another.
+    Around the base's motion a friction may show a third of what it gains; so those near the best
+    and its relatives contend. Those that gain little compared with the threshold stay as they were
+    ranked there. Also returns the model around the base's motion, and the base: a better base with
+    another motion may have been met.
     """
     least_nats = 0.5 * threshold_nats
     scans: Scans = {}
@@ -186,11 +185,11 @@ class _Search:
         self.base_model = model
         self.rounds: list[Round] = []
         self.thresholds, self._near_nats = thresholds, near_nats
-        self._gains: dict[str, float] = {}  # of what was found, when it was found [nats]
+        self._gains: dict[str, float] = {}  # of each effect found, when it was found [nats]
         self._beyond: dict[Hypothesis, Symbolic | None] = {}
 
     def find(self, names: Sequence[str], progress: Progress) -> bool:
-        """One round; whether there should be another."""
+        """Make one round; return whether there should be another."""
         least = self.thresholds.effect_nats
         remaining = [n for n in names if n not in self.current.hypothesis]
         if self.current.hypothesis:  # the first round ranks all, for the record
@@ -214,7 +213,7 @@ class _Search:
         return best is not None
 
     def _taken(self, ranked: Sequence[Candidate]) -> Candidate | None:
-        """The first that may be taken and is not nothing: of that size the search goes on past."""
+        """The first that may be taken and whose size is not 0; the others are passed over."""
         remaining = list(ranked)
         while remaining:
             best = self._chosen(remaining)
@@ -228,7 +227,7 @@ class _Search:
         return None
 
     def expression(self, model: GantryModel, current: Fit) -> Symbolic | None:
-        """What is beyond a fit, looked for once."""
+        """The expression beyond a fit, sought once."""
         if current.hypothesis not in self._beyond:
             self._beyond[current.hypothesis] = _expression(model, current, self.thresholds)
         return self._beyond[current.hypothesis]
@@ -241,14 +240,14 @@ class _Search:
         best = ranked[0]
         if _form_nats(best.name, self._gains) > best.gain_nats:
             return None
-        # Where something is missing, an effect that explains it as well is its better name.
+        # If something is missing, an effect that explains it as well is its better name.
         beyond = self.expression(self.model, self.current)
         close = beyond is not None and best.gain_nats >= beyond.gain_nats - RULES.class_nats
         return best if close else None
 
 
 def may_be_nothing(fitted: Fit, name: str, level: float = 0.9) -> bool:
-    """Whether every parameter's interval reaches to where the effect changes nothing."""
+    """Whether every parameter's interval holds the value that changes nothing."""
     parameters = own_parameters(fitted.free, name)
     ends = [(fitted.interval(f.name, level), f.neutral) for f in parameters]
     return all(low <= neutral <= high for (low, high), neutral in ends)
@@ -261,12 +260,12 @@ def _still_needed(rounds: Sequence[Round], current: Fit) -> list[Round]:
 
 
 def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> float:
-    """What an effect must gain to be found, beside those found with their gains [nats]."""
+    """What an effect must gain [nats] to be found, beside those found with their gains."""
     return max(thresholds.effect_nats, _form_nats(name, found))
 
 
 def _form_nats(name: str, found: Mapping[str, float]) -> float:
-    """What a relative of found effects gains where their form is not quite the rig's [nats]."""
+    """The gain [nats] of a relative of found effects if their form is not quite the rig's."""
     return RULES.relatives_share * sum(
         gain for relative, gain in found.items() if _related(relative, name)
     )
@@ -282,12 +281,12 @@ def with_terms(model: GantryModel) -> GantryModel:
 
 
 def settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
-    """The found hypothesis, everything refitted around the motion that it explains."""
+    """The found hypothesis, with everything refitted around the motion that it explains."""
     around = refitted(model, found)
     starts = scanned_starts(around[0], found)
     if not starts:
         return around
-    # Of several summits one may be the highest around its own motion and not around another's.
+    # One of several summits may be the highest around its own motion but not around another's.
     fits = [fit(around[0], found.hypothesis, found.episodes, theta) for theta in starts]
     best = max(fits, key=lambda f: f.objective).objective
     near = [f for f in fits if f.objective > best - RULES.class_nats]
@@ -321,9 +320,9 @@ def _rest(
     """An expression that explains more than the effects do, with or without them; or else a rest.
 
     The second is what is left beyond effects that lead: they keep their name although their form is
-    not exact. An expression takes a name's place only where it is better by more than a class is
-    wide, and than the best of so many expressions gains by chance; and not where effects explain
-    nearly as much, which a formula of two terms for one effect's exact form always exceeds.
+    not exact. An expression takes a name's place only if it is better by more than the width of a
+    class, and by more than the best of as many expressions gains by chance. It does not if effects
+    explain nearly as much: two terms for one effect's exact form always exceed that effect.
     """
     if not current.hypothesis:
         return beyond, None
@@ -345,7 +344,7 @@ def _rest(
 def _pair_instead(
     searched: _Search, unknown: Symbolic, thresholds: Thresholds
 ) -> tuple[GantryModel, Fit] | None:
-    """Two effects that explain together what a long expression does, and are both there."""
+    """Two effects that together explain what a long expression does, and are both there."""
     paired = best_pair(searched.base_model, searched.base, searched.rounds[0].ranking)
     if paired is None:
         return None
@@ -382,10 +381,10 @@ def _unsettled(rounds: Sequence[Round], current: Fit) -> list[Round]:
 
 
 def _claimed(verdict: Verdict, rounds: Sequence[Round], current: Fit) -> tuple[str, ...]:
-    """The effects that an answer commits itself to: of a class, none."""
+    """The effects that an answer commits itself to: none of a class."""
     if verdict not in ("named", "class"):
         return ()
-    # One round's rival may be what another round took: it is in doubt all the same.
+    # One round's rival may be what another round took, and is in doubt all the same.
     open_ones = {c.name for searched in _unsettled(rounds, current) for c in searched.rivals}
     return tuple(name for name in current.hypothesis if name not in open_ones)
 

@@ -21,11 +21,11 @@ Verdict = Literal["named", "class", "unknown", "none", "inconclusive"]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What data without any missing effect hardly ever exceed, on this rig; see `threshold`.
+    """What data without any missing effect hardly ever exceed on this rig; see `threshold`.
 
-    Gains [nats] of the best effect, of the best term of an expression in the state and of the best
-    wave in time. Then the whiteness statistic of the innovations, and by channel the largest
-    residual at any one place.
+    First the gains [nats] of the best effect, of the best term of an expression in the state, and
+    of the best wave in time; then the whiteness statistic of the innovations, and by channel the
+    largest residual at any one place.
     """
 
     effect_nats: float
@@ -50,9 +50,9 @@ class Thresholds:
 class Round:
     """One search through the library, on top of the effects `given`.
 
-    `found` is what it took, mostly the best; a better relative of what was given may have been
+    `found` is what it took, mostly the best; a better relative of a given effect may have been
     passed over. Rivals are within `near_nats` of it. `least_nats` is what the best of all effects
-    gains where nothing is missing, once in twenty.
+    gains, once in twenty, if nothing is missing.
     """
 
     given: tuple[str, ...]
@@ -64,8 +64,8 @@ class Round:
     def confidence(self, candidate: Candidate) -> float:
         """The candidate's share of the belief, all effects and "nothing" equally likely before.
 
-        "Nothing" is believed as if it gained `least_nats`: that much comes of trying so many
-        effects on flights whose calibration is off, and says nothing for any one of them.
+        "Nothing" is believed as if it gained `least_nats`: trying all effects on flights whose
+        calibration is off brings that much, and says nothing for any one of them.
         """
         gains = np.array([self.least_nats, *(c.gain_nats for c in self.ranking)])
         weights = np.exp(gains - gains.max())
@@ -73,7 +73,7 @@ class Round:
 
     @property
     def near(self) -> tuple[Candidate, ...]:
-        """What it took (or else the best) and all that cannot be told from it, nor are worse."""
+        """The one taken (or else the best), and those that gain at most `near_nats` less."""
         taken = next((c for c in self.ranking if c.name == self.found), self.ranking[0])
         least = taken.gain_nats - self.near_nats
         others = (c for c in self.ranking if c is not taken and c.gain_nats > least)
@@ -87,9 +87,9 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What was found: `fit` has it all, `base` nothing of it.
+    """What was found: `fit` has all of it, `base` nothing.
 
-    That is the effects, and of what is `unknown` the expression's terms, refitted together.
+    `fit` has the effects and, if something is `unknown`, the expression's terms, refitted together.
     `model` is linear around the motion that `fit` explains, `base_model` around the base's;
     `white` tests what `fit` leaves.
     """
@@ -108,9 +108,9 @@ class Answer:
     unknown: Symbolic | None
     rest: Symbolic | None  # beyond the effects, but too little to doubt them
     thresholds: Thresholds
-    instead: "Answer | None" = None  # the effects, where an expression has taken their place
+    instead: "Answer | None" = None  # the effects, if an expression has taken their place
 
     @property
     def members(self) -> tuple[str, ...]:
-        """Of the first class."""
+        """The members of the first class; () without one."""
         return self.classes[0] if self.classes else ()

@@ -1,6 +1,6 @@
 """Two effects tried together before a long expression is believed.
 
-A search that adds one effect after another misses two that only explain together: neither gains
+A search that adds one effect after another misses two that explain only together: neither gains
 enough alone, and an expression of three terms imitates both.
 
 In: a base, a first ranking. Out: the pair that gains most, if two effects do better than chance.
@@ -16,15 +16,15 @@ from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
 from wakedeploy.physics.effects import LIBRARY
 
-_FIRST, _SECOND = 3, 2  # how many of the ranking begin a pair, and how many join each
+_FIRST, _SECOND = 3, 2  # how many of the ranking start a pair, and how many join each
 
 
 def best_pair(
     model: GantryModel, base: Fit, ranking: Sequence[Candidate]
 ) -> tuple[GantryModel, Fit, float] | None:
-    """The pair, refitted around its own motion, and what it gains on flights held out [nats].
+    """The pair, refitted around its own motion, and its gain [nats] on flights held out.
 
-    None where the ranking has no two effects.
+    None if the ranking has fewer than two effects.
     """
     names = [c.name for c in ranking]
     found: dict[frozenset[str], tuple[float, Fit]] = {}
@@ -43,7 +43,7 @@ def best_pair(
 
 
 def _fitted(model: GantryModel, first: Fit, second: str) -> Fit:
-    """Both effects, the second from the first of its starts."""
+    """A fit of both effects; the second starts at the first of its starts."""
     hypothesis = (*first.hypothesis, second)
     free = model.free(hypothesis)
     start = extended(first, free)

@@ -19,7 +19,7 @@ from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, resid
 from wakedeploy.gap.wording import counted
 
 HORIZONS_S = (0.25, 0.5, 1.0)
-# Blocks are at least four times as long as the channel's own window correlates what it measures.
+# A block is at least four times as long as the channel's own window correlates what it measures.
 AXES = Axes(
     CHANNELS,
     COORDINATES,
@@ -32,7 +32,7 @@ def find_places(
 ) -> Find:
     """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay, floor.
 
-    A place counts from the size `least` of its channel on: so much the model's own approximations
+    A place counts from the size `least` of its channel on: this much the model's own approximations
     leave on this rig when nothing is missing (see `threshold`).
     """
     limits = dict(least or {})
@@ -84,7 +84,7 @@ def _replay(model: GantryModel, base: Fit, horizon_s: float) -> Replay:
 
 
 def places_sentence(places: Sequence[Place], is_white: bool, flights: int) -> str:
-    """What the places say, of so many fitted flights; no more than a verdict can stand beside."""
+    """What the places of `flights` fitted flights say, and no more than a verdict could bear."""
     if not places and is_white:
         sentence = "no place stands out from noise"
     elif not places:

@@ -1,8 +1,8 @@
-"""What one or two flights show of a missing effect: a ranking, from which nothing is concluded.
+"""What one or two flights show of a missing effect: a ranking that concludes nothing.
 
-In: a fitted base of fewer flights than a verdict takes. Out: an `Answer` that is inconclusive, with
-the effect that leads, where one does clearly. Nothing is tried on top of it, and no expression is
-looked for: neither could be confirmed.
+In: a fitted base of fewer flights than a verdict takes. Out: an inconclusive `Answer`, with the
+effect that leads, if one does clearly. Nothing is tried on top of it, and no expression is sought:
+neither could be confirmed.
 """
 
 import functools
@@ -20,8 +20,8 @@ from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round, Threshol
 from wakedeploy.gap.systems.gantry.search.threshold import LEAST
 from wakedeploy.physics.effects import LIBRARY
 
-# Where a rig's thresholds are not simulated yet, which takes minutes. Calibration error gave wrong
-# effects up to 27 nats on one axis.
+# For a rig whose thresholds are not simulated yet, which takes minutes. Calibration error gave
+# wrong effects up to 27 nats on one axis.
 UNSIMULATED = replace(LEAST, effect_nats=30.0)
 
 
@@ -33,10 +33,10 @@ def glance(
     candidates: Sequence[str] | None = None,
     disagrees: bool = False,
 ) -> Answer:
-    """Rank the effects on few flights; the best is fitted by itself where it gains enough.
+    """Rank the effects on few flights; the best is fitted by itself if it gains enough.
 
-    `disagrees` says that a place stands out from noise. Effects whose sizes are scanned are tried
-    only where something stands out: of hundreds of sizes, some fit the noise of so few flights.
+    `disagrees` says that a place stands out from noise. Effects with scanned sizes are tried only
+    if something stands out: some of hundreds of sizes fit the noise of so few flights.
     """
     taken = {e.name for e in model.rig.effect}
     names = [n for n in (candidates or LIBRARY) if n not in taken]

@@ -1,4 +1,4 @@
-"""Hypotheses refitted around the motion that they explain, and freed of what they no longer need.
+"""Hypotheses refitted around the motion that they explain, without what they no longer need.
 
 In: a model and a fit. Out: the model around that fit's own motion, and everything refitted there.
 """
@@ -18,11 +18,11 @@ _MOST_TURNS = 10
 
 
 def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
-    """A hypothesis, everything refitted around the motion that it explains.
+    """A hypothesis with everything refitted around the motion that it explains.
 
-    Motion and fit take turns until the fit gains nothing around its motion. Around the motion of
-    another hypothesis the same one may seem tens of nats more or less likely; likelihoods around
-    different motions compare only where each motion is the hypothesis's own.
+    Motion and fit take turns until the fit gains nothing around its motion. Around another
+    hypothesis's motion the same one may seem tens of nats more or less likely; likelihoods around
+    different motions compare only if each motion is the hypothesis's own.
     """
     for _ in range(_MOST_TURNS):
         model = model.around_own_motion(found)
@@ -34,10 +34,10 @@ def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
 
 
 def reduced(model: GantryModel, current: Fit, rest: Hypothesis) -> tuple[GantryModel, Fit]:
-    """What is left of a hypothesis without some of its effects, refitted from where it stands.
+    """A hypothesis without some of its effects, refitted from where it stands.
 
-    A constant that one of these had replaced goes on from the effect's value: under noise that was
-    fitted with it, the way from the rig file's value may lead to no summit.
+    A constant that one of these effects had replaced starts from the effect's value: under the
+    noise fitted with it, the way from the rig file's value may lead to no summit.
     """
     start = extended(current, model.free(rest))
     return refitted(model, fit(model, rest, current.episodes, start))
@@ -49,7 +49,7 @@ def without_idle(
     among: Sequence[str] | None = None,
     least_nats: float = RULES.dropped_nats,
 ) -> tuple[GantryModel, Fit]:
-    """Drop each effect (of those `among`, or of all) that gains too little beside the others."""
+    """Drop each effect (of `among`, or of all) that gains too little beside the others."""
     for name in current.hypothesis if among is None else among:
         if len(current.hypothesis) < 2:
             break
@@ -61,7 +61,7 @@ def without_idle(
 
 
 def expressed_by_own_motion(model: GantryModel, on: Fit, found: Symbolic) -> Symbolic:
-    """An expression that was found on top of a fit, around the motion that it explains itself."""
+    """An expression found on top of a fit, refitted around the motion that it explains itself."""
     _, fitted = refitted(model, found.fit)
     return _symbolic(model, on, fitted, found.terms)
 
@@ -77,9 +77,9 @@ def joined(
     """An expression and the effects that are needed beside it, all refitted together.
 
     An effect that was found first may have stood for what the expression says better. It is
-    dropped; the expression may have mended what was wrong with it, and is searched again, on top of
-    what is left. `least_nats` is what noise alone hardly gains: beside the expression, an effect
-    must gain as much, and so must each term for the new one to be the better. `on` is the fit of
+    dropped. The expression may have mended its faults, and so is sought again on top of what is
+    left. `least_nats` is what noise alone hardly gains: an effect beside the expression must gain
+    as much, and so must each term of the new expression for it to be the better. `on` is the fit of
     the effects, `base` the one without any.
     """
     near, joint = refitted(model, found.fit)

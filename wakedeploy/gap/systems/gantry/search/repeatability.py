@@ -1,10 +1,10 @@
 """Whether two halves of the flights, each by itself, give the same answer.
 
 An answer that only all flights together give may rest on one of them. Each half is fitted by
-itself, from where all flights' base stands, and ranks what the whole search found, its nearest
-rivals and whatever else its own slopes promise most.
+itself, from where all flights' base stands. It ranks what the whole search found, its nearest
+rivals, and whatever else its own slopes promise most.
 
-In: the flights, an answer. Out: what each half leads with, at which size, and whether they agree.
+In: the flights, an answer. Out: what each half ranks first, at which size, and whether they agree.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ FEWEST = 2 * RULES.fewest_flights
 def repeated(answer: Answer, sealed: Sequence[Flight]) -> Repeated[Half] | None:
     """Both halves' answers about the first effect found; None where there is nothing to repeat.
 
-    That is: too few flights, the `sealed` included, or no effect of the library.
+    That is with too few flights, the `sealed` included, or without an effect of the library.
     """
     found = next((n for n in answer.fit.hypothesis if n in LIBRARY), None)
     if found is None or answer.verdict == "unknown":
@@ -61,7 +61,7 @@ def _half(answer: Answer, flights: Sequence[Flight], found: str, wanted: Sequenc
 
 
 def _half_of(flights: Sequence[Flight], near: Sequence[Candidate], found: str) -> Half:
-    """The half's answer by the effect that the whole search found, where it is near the best."""
+    """The half's answer: the effect that the whole search found, if it is near the best."""
     leading = next((c for c in near if c.name == found), near[0])
     parameter = LIBRARY[leading.name].parameters[0]
     low, high = leading.fit.interval(f"{leading.name}.{parameter.name}")

@@ -1,6 +1,6 @@
 """What `name` found, as `show` needs it, in a file beside `name.json`: nothing is searched twice.
 
-In: an answer. Out: `name.npz` with the parameters of its fits and the motions that they are around.
+In: an answer. Out: `name.npz` with the parameters of its fits and the motions around them.
 """
 
 import io
@@ -26,7 +26,7 @@ FITS = "name.npz"
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """An effect of the first search, alone; `fitted_gain` in nats where it was fitted."""
+    """An effect of the first search, alone; `fitted_gain` [nats] is that where it was fitted."""
 
     name: str
     fit: Fit
@@ -37,9 +37,8 @@ class Tried:
 class Found:
     """`fit` has all that was found, around the motion of `model`; `base` nothing, around its own.
 
-    Of an expression, `fit` has the terms.
-
-    `tried` are in the order of what they gain on flights left out, best first.
+    `fit` has an expression's terms, too. `tried` are sorted by their gain on flights left out, best
+    first.
     """
 
     model: GantryModel
@@ -76,7 +75,7 @@ class Found:
     def read(cls, folder: Path, rig: Rig, flights: Sequence[Flight]) -> "Found":
         """What `name` left in the folder about these flights.
 
-        Raises UnusableInput where the file is missing, damaged or does not belong to `rig`.
+        Raises UnusableInput if the file is missing, damaged or does not belong to `rig`.
         """
         path = folder / FITS
         try:

@@ -1,9 +1,9 @@
 """How much gain a rig shows when nothing is missing: the thresholds, simulated and cached.
 
-In: a rig. Out: `Thresholds` that closed-loop flights without any effect, but with constants and
-forms off by as much as the rig file says they may be, exceed together in one case of twenty.
-Ordinary calibration error gives wrong effects many nats; so does looking at thirty effects at once.
-A threshold therefore belongs to a rig and cannot be chosen.
+In: a rig. Out: `Thresholds` that are exceeded together in one case of twenty by closed-loop flights
+without any effect, but with constants and forms off by as much as the rig file allows. Ordinary
+calibration error gives wrong effects many nats; so does looking at thirty effects at once. A
+threshold therefore belongs to a rig and cannot be chosen.
 """
 
 import hashlib
@@ -55,7 +55,7 @@ FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
 _INTERVAL_SD = 1.645  # half of a 90 % interval
 _LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
-VERSION = 12  # of what is simulated; thresholds of another one are not used
+VERSION = 12  # of what is simulated; thresholds of another version are not used
 LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
@@ -81,7 +81,7 @@ def thresholds_for(
 ) -> Thresholds:
     """The rig's thresholds: shipped, cached, or simulated now (minutes; `progress(done, sets)`).
 
-    Simulated sets are kept as they are done: stopped, it goes on where it was.
+    Simulated sets are kept as they finish: a stopped simulation goes on where it was.
     """
     known = known_thresholds(rig)
     if known is None:
@@ -97,8 +97,8 @@ def thresholds_for(
 def searched_with(rig: Rig) -> str:
     """A hash of what a search of this rig may fit: its form's terms, the library's parameters.
 
-    Thresholds that ship have it beside them. A change of it, as of another size of a form term,
-    asks for another `VERSION` and for new simulations.
+    Shipped thresholds have it beside them. If it changes, as with another size of a form term, a
+    new `VERSION` and new simulations are needed.
     """
     terms = [(f.name, f.neutral, f.prior_sd) for f in free_terms(rig)]
     effects = [(e.name, [asdict(p) for p in e.parameters]) for e in LIBRARY.values()]
@@ -122,7 +122,7 @@ def simulate(
 ) -> list[NullSet]:
     """Fly and search `sets` times; deterministic by seed.
 
-    Each set is appended to the file `kept` when it is done, and not simulated again if it is there.
+    Each set is appended to the file `kept` when it is done; a set in the file is not repeated.
     """
     seeds = [first_seed + 1000 * i for i in range(sets)]
     results = _known_sets(kept) if kept is not None else {}
@@ -151,10 +151,10 @@ def _known_sets(path: Path) -> dict[int, NullSet]:
 
 
 def quantiles(null: Sequence[NullSet]) -> Thresholds:
-    """The lowest equal quantile of the four at which together one set in twenty is above.
+    """The lowest equal quantile of the four that together one set in twenty exceeds.
 
-    Smoothed by Gumbel's distribution of maxima, whose two moments few sets determine better than
-    they determine their own largest values.
+    It is smoothed by Gumbel's distribution of maxima: few sets determine its two moments better
+    than their own largest values.
     """
     if len(null) < 10:
         raise UnusableInput(f"{len(null)} simulated sets say nothing about one in twenty; use 10.")
@@ -178,8 +178,8 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
 def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
     """A truth that the rig file describes to within its spreads, drawn at random.
 
-    Delays are off by an absolute value: a negative delay is no delay. Effects that the rig file has
-    are off by what their intervals allow.
+    Delays are off by an absolute value: a negative delay is no delay. Effects of the rig file are
+    off by what their intervals allow.
     """
     values, spreads = constants_of(rig), spreads_of(rig)
     drawn = {n: values[n] + s * float(rng.standard_normal()) for n, s in spreads.items()}
@@ -215,7 +215,7 @@ def _drawn(effect: Effect, rng: np.random.Generator) -> Effect:
 
 
 def _replaced(constant: str, value: float) -> Effect:
-    """The effect that gives a constant which no section of a rig file has this value."""
+    """The effect that gives this value to a constant which no section of a rig file has."""
     name, _, parameter = replacing(constant)[0].partition(".")
     unit = next(p.unit for p in LIBRARY[name].parameters if p.name == parameter)
     return Effect(name=name, parameters={parameter: EffectParameter(value=value, unit=unit)})
@@ -254,7 +254,7 @@ def _null_set(job: tuple[str, int]) -> NullSet:
 
 
 def _best_term(rig: Rig, model: GantryModel, base: Fit, names: Sequence[str]) -> float:
-    """What the best term gains, also one that the workflow would not have looked at twice."""
+    """The gain of the best term, also of one that the workflow would not have looked at twice."""
     setting = vars(setting_of(rig))
     found = search(model, base, setting=setting, names=names, least_nats=0.1, most_terms=1)
     if found is None:
@@ -300,5 +300,5 @@ def _cache_path(rig: Rig) -> Path:
 
 
 def _searched_beside() -> list[str]:
-    """The effects of other packages: among more, a search finds more by chance."""
+    """The effects of other packages: a search among more finds more by chance."""
     return [offer.name for offer in offers(EFFECTS).values() if offer.by != "wakedeploy"]
