@@ -324,6 +324,8 @@ def conversion(given: str, wanted: str) -> Fraction:
 
 def _meant(text: str) -> str:
     """What a unit may mean that is known in other cases only, or as another word; "" for none."""
+    if text in SHOWN_ALONE:
+        return '; give unit = "K" and offset = 273.15'
     folded = text.strip().lower()
     names = [name for name in _SYMBOLS if name.lower() == folded]
     names += ["knots"] if folded == "kn" else []

@@ -9,7 +9,7 @@ import pytest
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.columns import Delimited, parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.domains.tables.guess_rate import usual_hz
 from wakedeploy.domains.tables.reading import read_recordings
@@ -112,6 +112,32 @@ def test_files_of_one_layout_are_recordings_of_one_kind(tmp_path: Path) -> None:
     assert [one.columns["q"][0] for one in read_back] == list(range(24))
     with pytest.raises(UnusableInput, match="or give files"):
         read(folder, roles)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "utf-16"])
+def test_a_table_in_another_encoding_is_guessed_and_read(encoding: str, tmp_path: Path) -> None:
+    odd = "\x8d" if encoding == "latin-1" else ""
+    header = f"Zeit [s];{odd}Wärme [°C]"
+    rows = "".join(f"{k / 10};{20 + k}\n" for k in range(50))
+    path = tmp_path / "log.csv"
+    path.write_bytes(f"{header}\n{rows}".encode(encoding))
+    guessed = guess_columns(path)
+    assert f'encoding = "{encoding}"' in guessed
+    columns = parse_columns(guessed.replace('"unused"', '"output"'))
+    (recording,) = read_recordings([path], columns).recordings
+    assert [column[1] for column in recording.columns.values()] == [21.0 + 273.15]
+    with pytest.raises(UnusableInput, match=rf'encoding = "{encoding}" in columns\.toml'):
+        columns = columns.model_copy(update={"csv": Delimited(encoding="ascii")})
+        read_recordings([path], columns)
+
+
+def test_a_name_that_says_its_unit_keeps_it(tmp_path: Path) -> None:
+    path = table(
+        tmp_path / "log.csv", t=np.arange(50) / 10, cmd_percent=np.arange(50), x_mm=np.ones(50)
+    )
+    guessed = guess_columns(path)
+    assert guessed.count('to = "%"') == guessed.count('to = "mm"') == 1
+    read_recordings([path], parse_columns(guessed.replace('"unused"', '"output"')))
 
 
 def test_the_folder_that_one_stands_in_is_named(

@@ -135,6 +135,35 @@ def test_the_gap_that_is_advised_covers_all_holes_of_a_log(tmp_path: Path) -> No
     assert len(reading(path, BASE + "[split]\ngap_s = 0.02\n" + U).recordings) == 4
 
 
+@pytest.mark.parametrize("header", ["Tiefe [cm]", "Tiefe (cm)"])
+def test_a_unit_that_the_header_contradicts_is_said(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,{header}\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")
+    text = BASE + U.replace('column = "u"', f'column = "{header}"')
+    for unit in ("m", "1", "V"):
+        said = reading(path, text.replace('"V"', f'"{unit}"')).notes[0]
+        assert said.endswith(f"read as {unit}, and the log says cm; check `unit`")
+    assert not reading(path, text.replace('"V"', '"cm"')).notes
+    assert not reading(path, text.replace('"V"', '"m"') + "scale = 0.01\n").notes
+
+
+@pytest.mark.parametrize("header", ["temp_degC", "Temperatur [°C]", "celsius"])
+def test_degrees_celsius_need_an_offset(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,{header}\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")
+    text = BASE + U.replace('column = "u"', f'column = "{header}"').replace('"V"', '"K"')
+    assert any("°C" in note for note in reading(path, text).notes)
+    assert not reading(path, text + "offset = 273.15\n").notes
+    with pytest.raises(UnusableInput, match='give unit = "K" and offset = 273.15'):
+        reading(path, text.replace('"K"', '"degC"'))
+
+
+def test_a_remark_in_a_header_is_no_unit(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,x (filtered)\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")
+    assert not reading(path, BASE + U.replace('column = "u"', 'column = "x (filtered)"')).notes
+
+
 def test_a_unit_that_the_column_s_name_contradicts_is_said(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("t,encoder_mm\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")

@@ -110,6 +110,9 @@ class Splitting(_Table):
     """Pieces that are shorter are left out."""
 
 
+Encoding = Literal["utf-8-sig", "utf-8", "ascii", "latin-1", "cp1252", "utf-16"]
+
+
 class Delimited(_Table):
     """How a CSV file is written, where it cannot be seen from its first line."""
 
@@ -124,7 +127,7 @@ class Delimited(_Table):
     """Lines before the header."""
     comment: str | None = None
     """What lines that are left out begin with; those before the header with # in any case."""
-    encoding: Literal["utf-8-sig", "utf-8", "ascii", "latin-1", "cp1252", "utf-16"] = "utf-8-sig"
+    encoding: Encoding = "utf-8-sig"
 
 
 class Training(_Table):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import si_unit
+from wakedeploy.core.units import SHOWN_ALONE, contradicted, si_unit
 from wakedeploy.domains.tables.columns import Delimited
 from wakedeploy.domains.tables.guess_clock import (
     MOST_COLUMNS,
@@ -290,12 +290,13 @@ def _entry(
         return
     unit, remark = _unit(field)
     yield ""
-    yield f"[columns.{_name(field.name, taken)}]  # {_range(there)}"
+    name = _name(field.name, taken)
+    yield f"[columns.{name}]  # {_range(there)}"
     yield f"column = {toml(field.name)}"
     yield from _place(file, base, field.name)
     yield 'role = "unused"'
     yield f"unit = {toml(unit)}{remark}"
-    if unit != si_unit(unit) and field.name.lower().endswith(f"_{unit.lower()}"):
+    if contradicted(name, si_unit(unit)) is not None:
         yield f"to = {toml(unit)}  # as its name says"
     if len(there) < len(numbers):
         yield from _missing(file, field.name)
@@ -386,6 +387,8 @@ def _unit(field: Field) -> tuple[str, str]:
         is_gravity = field.unit == "g" and re.match(r"a(cc|x|y|z)", field.name, re.I)
         if is_gravity:
             return "m/s^2", "\nscale = 9.80665  # ? the log counts in gravities"
+        if field.unit in SHOWN_ALONE:
+            return "K", f"\noffset = 273.15  # the log counts in {field.unit}"
         try:
             si_unit(field.unit)
             return field.unit, ""

@@ -4,6 +4,7 @@ In: an entry of `columns.toml`, and the unit that a system asks for. Out: number
 sentences about units and names that do not agree.
 """
 
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -21,6 +22,8 @@ from wakedeploy.core.units import (
 from wakedeploy.domains.tables.columns import Ahead, Column, Columns, Method
 
 Vector = NDArray[np.float64]
+
+_CELSIUS = re.compile(r"°c|deg_?c(?![a-z])|celsius")
 
 
 class Wanted:
@@ -94,11 +97,12 @@ def _doubted(name: str, column: Column) -> str:
     if column.column is None or (column.scale, column.offset) != (1.0, 0.0):
         return ""
     named = contradicted(column.column.partition("[")[0].lower(), column.unit)
-    renamed = contradicted(
-        name.lower(), column.unit
-    )  # of its dimension, `to` or a system may want it
+    # In its own name another unit of the same dimension may be what `to` or a system wants.
+    renamed = contradicted(name.lower(), column.unit)
     if named is None and renamed is not None and not same_dimension(renamed, column.unit):
         named = renamed
+    if named is None and column.unit == "K" and _CELSIUS.search(column.column.lower()):
+        return "read as K, and its name says °C; offset = 273.15 is missing"
     return (
         "" if named is None else f"read as {column.unit}, and its name says {named}; check `unit`"
     )

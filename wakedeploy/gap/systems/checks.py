@@ -7,7 +7,7 @@ point; UnusableInput with one sentence else. A constant that may be on either si
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -118,6 +118,8 @@ def _check_statements(system: System) -> None:
                 raise UnusableInput(
                     f"{system.name}.{attribute} has {each!r}; write {kind.__name__}(name, …)."
                 )
+    for each in (*system.inputs, *system.outputs, *system.constants):
+        _check_numbers(system, each)
     if not system.states or not system.outputs:
         raise UnusableInput(f"{system.name}: at least one state and one output are needed.")
     if system.has_step == hasattr(system, "derivative"):
@@ -126,6 +128,20 @@ def _check_statements(system: System) -> None:
             f"{system.name} has {which} of `derivative` and `step`; write one of them."
         )
     _check_names(system)
+
+
+def _check_numbers(system: System, stated: Input | Output | Constant) -> None:
+    """UnusableInput for a field that is to be a number, and is a text or a list."""
+    for each in fields(stated):
+        value = getattr(stated, each.name)
+        kind = str(each.type)
+        if each.name == "delay_s" or "float" not in kind or (value is None and "None" in kind):
+            continue  # a delay has a sentence of its own
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            raise UnusableInput(
+                f"{system.name}: {each.name} of {type(stated).__name__}({stated.name!r}) is "
+                f"{value!r:.60}; give a number."
+            )
 
 
 def _check_names(system: System) -> None:

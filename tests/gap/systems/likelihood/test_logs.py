@@ -5,7 +5,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from scipy.linalg import expm
 
-from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy import Constant, Input, Output, Port, System, UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import extended, neutral
 from wakedeploy.gap.evidence.inference import fit
@@ -130,6 +130,16 @@ def test_a_reading_between_a_system_s_samples_counts_at_the_next():
     system = type("Thinned", (Mass,), {"rate_hz": 25.0})()
     (log,) = logs_of(system, [Recording("log", rows / 100.0, columns)])
     assert np.array_equal(log.outputs[0][np.isfinite(log.outputs[0])], y[np.isfinite(y)])
+
+
+def test_a_sensor_that_hangs_is_refused_unless_another_log_has_it_moving():
+    rows = np.arange(400)
+    hung = {"force_n": np.cos(rows), "position_m": np.where(rows % 3, 3.21, np.nan)}
+    log = Recording("hung", rows / RATE, hung)
+    with pytest.raises(UnusableInput, match="hung: output 'position_m' is always 3.21 m; mend"):
+        logs_of(Mass(), [log])
+    moving = Recording("moving", rows / RATE, hung | {"position_m": np.sin(rows / 50.0)})
+    assert len(logs_of(Mass(), [log, moving])) == 2
 
 
 def test_the_last_reading_of_a_slow_sensor_is_the_newest_that_was_measured():

@@ -4,6 +4,7 @@ A cell may hold a vector as a list in a quoted string ("[0.1, 0.2]"), of which a
 number. Columns are called by the header, or by their place: #1 is the first.
 """
 
+import codecs
 import csv
 import gzip
 import itertools
@@ -18,7 +19,7 @@ from typing import IO
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, one_line
-from wakedeploy.domains.tables.columns import Delimited
+from wakedeploy.domains.tables.columns import Delimited, Encoding
 from wakedeploy.domains.tables.log import (
     MOST_BYTES,
     Clock,
@@ -37,6 +38,8 @@ _LONGEST_LINE = 1 << 20
 _COMMENT = "#"  # what lines before a header begin with that are none of the table
 _COMMENTS = (_COMMENT, "%", "//", "!")  # that are looked for
 _LOOKED_AT = 200  # rows that show how numbers are written
+_LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
+_NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
 _WITH_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _WITH_POINT = re.compile(_WITH_COMMA.pattern.replace(",", r"\.", 1))
 _MISSING = {"", "nan", "null", "none", "na", "n/a"}
@@ -57,8 +60,9 @@ def seen_form(path: Path) -> Delimited:
     """
     require_size(path)
     try:
-        with _opened(path, Delimited().encoding) as file:
-            form = Delimited(comment=_stated_comment(file))
+        encoding = _seen_encoding(path)
+        with _opened(path, encoding) as file:
+            form = Delimited(comment=_stated_comment(file), encoding=encoding)
         log = DelimitedLog(path, form)
         rows = list(itertools.islice(log.rows(), _LOOKED_AT))
     except (OSError, EOFError, zlib.error, UnicodeError, UnusableInput):  # who reads it says so
@@ -219,7 +223,14 @@ class DelimitedLog:
         try:
             with _opened(self.path, self._form.encoding) as file:
                 yield from self._parsed(self._from_header(self._text_lines(file)))
-        except (OSError, EOFError, zlib.error, UnicodeError, csv.Error, ValueError) as error:
+        except UnicodeError as error:
+            seen = _seen_encoding(self.path)
+            other = seen if seen != self._form.encoding else "latin-1"
+            raise UnusableInput(
+                f"{self.path}: is not text in {self._form.encoding} ({one_line(error)}); write "
+                f'[csv] encoding = "{other}" in columns.toml.'
+            ) from error
+        except (OSError, EOFError, zlib.error, csv.Error, ValueError) as error:
             raise UnusableInput(
                 f"{self.path}: cannot be read as a table of text ({one_line(error)}); copy it"
                 " again, or say in [csv] how it is written."
@@ -357,6 +368,20 @@ class _Growing:
         if any(part.dtype == object for part in self._parts):
             return np.concatenate([part.astype(object) for part in self._parts])
         return np.concatenate(self._parts)
+
+
+def _seen_encoding(path: Path) -> Encoding:
+    """How a text is encoded, as far as its begin shows: Unicode, or else as Windows writes it."""
+    opened = gzip.open if path.suffix.lower() == ".gz" else open
+    with opened(path, "rb") as file:
+        begin: bytes = file.read(_LOOKED_AT_BYTES)
+    if begin.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(begin)  # its end may be cut
+    except UnicodeError:
+        return "latin-1" if set(begin) & _NOT_IN_CP1252 else "cp1252"
+    return "utf-8-sig"
 
 
 def _opened(path: Path, encoding: str) -> IO[str]:

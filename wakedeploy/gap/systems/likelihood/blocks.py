@@ -78,7 +78,17 @@ def logs_of(system: System, recordings: Sequence[Recording]) -> list[Log]:
     """
     if not recordings:
         raise UnusableInput("no recordings; give at least one.")
-    return [_log(system, r) for r in recordings]
+    logs = [_log(system, r) for r in recordings]
+    for output, *rows in zip(system.outputs, *(log.outputs for log in logs), strict=True):
+        values = np.concatenate(rows)
+        values = values[np.isfinite(values)]
+        if np.ptp(values) == 0.0:
+            where = recordings[0].name if len(logs) == 1 else f"all {len(logs)} logs"
+            raise UnusableInput(
+                f"{where}: output {output.name!r} is always {values[0]:.4g} {output.unit}; mend the"
+                " log whose sensor hangs, name another column, or leave out the output."
+            )
+    return logs
 
 
 def _log(system: System, recording: Recording) -> Log:
