@@ -126,9 +126,9 @@ def test_a_table_in_another_encoding_is_guessed_and_read(encoding: str, tmp_path
     columns = parse_columns(guessed.replace('"unused"', '"output"'))
     (recording,) = read_recordings([path], columns).recordings
     assert [column[1] for column in recording.columns.values()] == [21.0 + 273.15]
+    wrong = columns.model_copy(update={"csv": Delimited(encoding="ascii")})
     with pytest.raises(UnusableInput, match=rf'encoding = "{encoding}" in columns\.toml'):
-        columns = columns.model_copy(update={"csv": Delimited(encoding="ascii")})
-        read_recordings([path], columns)
+        read_recordings([path], wrong)
 
 
 def test_a_name_that_says_its_unit_keeps_it(tmp_path: Path) -> None:

@@ -118,7 +118,9 @@ def _check_statements(system: System) -> None:
                 raise UnusableInput(
                     f"{system.name}.{attribute} has {each!r}; write {kind.__name__}(name, …)."
                 )
-    for each in (*system.inputs, *system.outputs, *system.constants):
+    stated: list[Input | Output | Constant]
+    stated = [*system.inputs, *system.outputs, *system.constants]
+    for each in stated:
         _check_numbers(system, each)
     if not system.states or not system.outputs:
         raise UnusableInput(f"{system.name}: at least one state and one output are needed.")
