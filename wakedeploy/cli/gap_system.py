@@ -223,7 +223,7 @@ def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> Non
         click.echo(f"Added as you asked: {only}, beside what is sure.")
     if is_added:
         assert isinstance(artefact, Answer)
-        click.echo(correction_told(out, bool(artefact.effects) or only is not None))
+        click.echo(correction_told(out))
         for line in taken.exported:
             click.echo(line)
     if isinstance(artefact, Result):

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.gap.report.test_system_page import result
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.cli import main
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.systems.answers.folder import OwnFolder, correction_told
 from wakedeploy.gap.systems.correction import (
     Correction,
     correction_of,
@@ -62,6 +64,9 @@ class Slide(System):
     def derivative(self, state, inputs, c):
         pull = c.push_n_per_v * inputs.push_v - c.drag_ns_per_m * state.speed_mps
         return {"speed_mps": pull / c.mass_kg}
+
+
+OFFSET = "offset@speed_mps"
 
 
 class Measured(Slide):
@@ -179,3 +184,18 @@ def test_the_command_says_what_it_keeps(tmp_path: Path, spread: str) -> None:
     else:
         assert "Correction: none, as nothing was named" in told.stdout
         assert not path.exists()
+
+
+@pytest.mark.parametrize(("verdict", "is_added"), [("class", True), ("unknown", False)])
+def test_what_an_unknown_leaves_open_is_in_no_correction(verdict, is_added, tmp_path, monkeypatch):
+    model = LogModel(Measured(), [recorded(1)])
+    used = [e for e in range(model.episodes) if e not in model.sealed()]
+    share = {"share": 0.1, "low": 0.05, "high": 0.15}
+    effects = [{"name": OFFSET, "parameters": {}, "forecast": share}]
+    answer = result(**{"verdict": verdict, "effects": effects, "class": [OFFSET, "a@b", "c@d"]})
+    folder = OwnFolder(model, tmp_path)
+    monkeypatch.setattr(folder, "name", lambda: answer)
+    monkeypatch.setattr(folder, "found", lambda: (model, fit(model, (OFFSET,), used)))
+    folder.add()
+    assert (tmp_path / "correction.toml").exists() == is_added
+    assert correction_told(tmp_path).startswith("Correction: none") != is_added

@@ -51,10 +51,9 @@ class OwnFolder(Folder):
     def add(self) -> Answer:
         """What was found, or the effect that was asked for, as a file that the system loads."""
         answer = self.name()
-        fitted, exported = self.found()[1], answer
-        if self.only is not None:
-            fitted = self._with_member(answer, self.only)
-            exported = _with_effects_of(self.log_model, answer, fitted)
+        fitted = self._sure(answer) if self.only is None else self._with_member(answer, self.only)
+        is_answer = fitted.hypothesis == tuple(e.name for e in answer.effects)
+        exported = answer if is_answer else _with_effects_of(self.log_model, answer, fitted)
         correction = correction_of(self.log_model, fitted)
         if correction.is_empty:
             (self.out / CORRECTION).unlink(missing_ok=True)  # of an earlier answer
@@ -86,6 +85,15 @@ class OwnFolder(Folder):
         stage = functools.partial(self.progress, "trying inputs that could split the class")
         made = plan(model, self.base(), answer.rivals, sizes, stage)
         return planned(made, model.name, self.key)
+
+    def _sure(self, answer: Answer) -> Fit:
+        """The fit of what was found, without what an "unknown" leaves open."""
+        model, found = self.found()
+        sure = tuple(n for n in found.hypothesis if n not in answer.rivals)
+        if answer.verdict != "unknown" or sure == found.hypothesis:
+            return found
+        near = theta_from(model, sure, found)
+        return settled(model, fit(model, sure, found.episodes, near))[0]
 
     def _with_member(self, answer: Answer, name: str) -> Fit:
         """The fit of what is sure beside a class, and of this effect."""
@@ -124,12 +132,12 @@ def _with_effects_of(model: LogModel, answer: Answer, fitted: Fit) -> Answer:
     return answer.model_copy(update={"effects": effects, "parameters": sizes})
 
 
-def correction_told(out: Path, has_effects: bool) -> str:
+def correction_told(out: Path) -> str:
     """Where the correction is, or why there is none."""
     path = out / CORRECTION
     if not path.is_file():
         return "Correction: none, as nothing was named. Constants stay as the system states them."
-    what = "" if has_effects else " with the constants that nobody has measured, as fitted,"
+    what = "" if "[[effect]]" in path.read_text() else " with the constants that nobody has measured, as fitted,"
     return f"Correction: {path},{what} for `gap simulate` and System.corrected()"
 
 
