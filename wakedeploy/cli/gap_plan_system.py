@@ -63,10 +63,13 @@ def run_power(
     system_path: Path, measured: tuple[Path, ...], columns: Path | None, out: Path | None
 ) -> None:
     """How large effects have to be, on the terminal and in a folder."""
+    from wakedeploy.gap.systems.answers.folder import beside_answer
     from wakedeploy.gap.systems.planning.power import power
 
     with stages() as progress:
         model, base = _fitted(system_path, measured, columns, progress)
+        if out is not None:
+            model, base = beside_answer(model, base, out)
         detectable = power(model, base, steps=lambda done, of: progress("trying effects", done, of))
     print_table(
         "The smallest size that logs like these tell, four times in five",
@@ -77,6 +80,15 @@ def run_power(
         f"Seen: gains more than chance, {detectable.threshold_nats:.1f} nats. Named: also ahead of "
         "its nearest rival. Matters: removes a hundredth of the squared forecast error."
     )
+    if base.hypothesis:
+        click.echo(f"All this is beside what the answer in {out} has: {', '.join(base.hypothesis)}.")
+    if detectable.missing is not None:
+        name, nats = detectable.missing
+        click.echo(
+            f"These logs lack something already: {name} or what looks like it would gain {nats:.0f} "
+            "nats or more. Beside it every size comes out too large: run `gap close`, and give the "
+            "folder of its answer as --out."
+        )
     if out is not None:
         rows = [{k: _finite(v) for k, v in vars(e).items()} for e in detectable.effects]
         write_json(
@@ -89,12 +101,13 @@ def _least(effect: "EffectPower") -> list[str]:
     """A row of the table, in the words and units of people: of a limit to a rate, the rate."""
     from wakedeploy.gap.systems.answers.reader_units import sizes_as_read
 
-    sizes = [effect.detected, effect.named, effect.matters]
-    name, unit, (detected, named, matters) = sizes_as_read(
+    sizes = [effect.detected, effect.named, effect.matters, effect.largest]
+    name, unit, (*shown, largest) = sizes_as_read(
         effect.name, effect.parameter, effect.unit, sizes
     )
-    return [effect.name, name, _number(detected), _number(named), effect.rival, _number(matters),
-            unit]  # fmt: skip
+    beyond = f"{'<' if name != effect.parameter else '>'} {_number(largest)}"
+    seen, named, matters = (_number(s) if _number(s) != "-" else beyond for s in shown)
+    return [effect.name, name, seen, named, effect.rival, matters, unit]
 
 
 def _fitted(

@@ -82,6 +82,30 @@ def test_an_effect_of_the_size_that_is_told_gains_what_was_told(model, base) -> 
     assert told.effects[0].matters < size
 
 
+def test_logs_that_lack_something_already_say_so(model, base) -> None:
+    """Sizes are beside the noise of a model without it; beside what was found, they are smaller."""
+    assert power(model, base, (DRAG,)).missing is None
+    lacking = LogModel(Mass(), [recorded(0, drag=1.5)])
+    begun = fitted_base(lacking)
+    without = power(lacking, begun, (DRAG, LAG))
+    assert without.missing is not None
+    assert without.missing[0] == DRAG
+    start = extended(begun, lacking.free((DRAG,)))
+    found = fit(lacking, (DRAG,), begun.episodes, start)
+    gained = found.objective - begun.objective
+    assert 0.3 * gained < without.missing[1] < 1.1 * gained  # by the noise of a model without it
+    beside = power(lacking, found, (DRAG, LAG))
+    assert [e.name for e in beside.effects] == [LAG]
+    assert beside.missing is None
+    assert beside.effects[0].detected < without.effects[1].detected
+
+
+def test_sizes_are_tried_up_to_where_an_effect_is_as_large_as_all_else(model, base) -> None:
+    (drag,) = power(model, base, (DRAG,)).effects
+    starts = model.effects[DRAG][0].starts
+    assert drag.largest >= 3.0 * max(starts)
+
+
 @pytest.mark.whole
 def test_fast_jumps_tell_a_lag_from_a_dead_time(model, base) -> None:
     """Their phases part at high frequencies: slow motion looks the same with both."""

@@ -132,6 +132,17 @@ def _with_effects_of(model: LogModel, answer: Answer, fitted: Fit) -> Answer:
     return answer.model_copy(update={"effects": effects, "parameters": sizes})
 
 
+def beside_answer(model: LogModel, base: Fit, out: Path) -> tuple[LogModel, Fit]:
+    """A folder's answer about the same system and logs, as a fit; without one the base."""
+    folder = OwnFolder(model, out)
+    known = read(out / "name.json", Answer, folder.key)
+    if known is None or not known.effects:
+        return model, base
+    asked, found = folder.found()
+    assert isinstance(asked, LogModel)
+    return asked, found
+
+
 def correction_told(out: Path) -> str:
     """Where the correction is, or why there is none."""
     path = out / CORRECTION

@@ -26,7 +26,7 @@ class EffectPower:
     """One effect: sizes of its first parameter, `unit`; infinite where no size that was tried will.
 
     `detected` gains more than chance, `named` is also ahead of `rival`, the effect that imitates it
-    best there; `matters` changes forecasts enough.
+    best there; `matters` changes forecasts enough. Sizes up to the `largest` were tried.
     """
 
     name: str
@@ -36,6 +36,7 @@ class EffectPower:
     named: float
     rival: str
     matters: float
+    largest: float
 
     @property
     def least(self) -> float:
@@ -45,10 +46,15 @@ class EffectPower:
 
 @dataclass(frozen=True)
 class Power:
-    """The whole answer: gains have to exceed `threshold_nats`."""
+    """The whole answer: gains have to exceed `threshold_nats`.
+
+    `missing` is the effect that these very logs show already, with what it would gain at least
+    [nats]; the noise is then that of a model without it, and all sizes come out too large.
+    """
 
     threshold_nats: float
     effects: tuple[EffectPower, ...]
+    missing: tuple[str, float] | None
 
 
 def power(
@@ -61,7 +67,7 @@ def power(
     """
     model.require_effects()
     sized = [n for n, free in model.effects.items() if any(f.neutral == 0.0 for f in free)]
-    chosen = tuple(sized if names is None else names)
+    chosen = tuple(n for n in (sized if names is None else names) if n not in base.hypothesis)
     model.acting(chosen)
     for name in chosen:
         if name not in sized:
@@ -74,10 +80,34 @@ def power(
     for done, name in enumerate(chosen, 1):
         points = responses.scaled(name, responses.usual(name), GRID)
         changes = responses.of(name, points.reshape(-1, points.shape[-1]))
-        curves[name] = changes.reshape(*points.shape[:2], -1)
+        curves[name] = _followed(changes.reshape(*points.shape[:2], -1))
         steps(done, len(chosen))
     threshold = chance(curves)
-    return Power(threshold, tuple(_of(responses, curves, n, threshold) for n in chosen))
+    effects = tuple(_of(responses, curves, n, threshold) for n in chosen)
+    gains = {n: _gained(rows, responses.rest) for n, rows in curves.items()}
+    best = max(gains, key=lambda n: gains[n], default="")
+    is_missing = bool(best) and gains[best] > surely_nats(threshold)
+    return Power(threshold, effects, (best, gains[best]) if is_missing else None)
+
+
+def _followed(rows: FloatArray) -> FloatArray:
+    """Changes (S, g, m) at rising sizes; from where the system leaves its model, as before it."""
+    for curve in rows:
+        for k, row in enumerate(curve):
+            if not np.all(np.isfinite(row)):
+                curve[k] = curve[k - 1] if k else 0.0
+    return rows
+
+
+def _gained(rows: FloatArray, rest: FloatArray) -> float:
+    """What an effect of some size near those that were tried (S, g, m) gains in these logs [nats].
+
+    `rest` (m,) is what the base leaves.
+    """
+    pulls, squares = rows @ rest, (rows**2).sum(-1)
+    near = 10.0 ** (0.5 * np.log10(GRID[1] / GRID[0]))
+    part = np.clip(pulls / np.maximum(squares, _TINY), 0.0, near)
+    return float((part * pulls - 0.5 * part**2 * squares).max(initial=0.0))
 
 
 def chance(curves: Mapping[str, FloatArray]) -> float:
@@ -114,20 +144,28 @@ def _of(
     rival = rivals[int(losses[min(at, len(rows) - 1)].argmin())] if rivals else ""
     matters = sizes[0] * _mattering(responses, name, first)
     parameter = free[0].name.removeprefix(f"{name}.")
-    return EffectPower(name, parameter, free[0].unit, detected, named, rival, matters)
+    unit, largest = free[0].unit, float(sizes[-1])
+    return EffectPower(name, parameter, unit, detected, named, rival, matters, largest)
 
 
 def _crossing(sizes: FloatArray, nats: FloatArray, wanted: float) -> float:
-    """The size from which nats stay above what is wanted; nats grow with its square in between."""
-    below = np.flatnonzero(~(nats >= wanted))
-    if not below.size:
-        return float(sizes[0] * math.sqrt(wanted / nats[0]))
-    last = int(below[-1])
-    if last + 1 == len(sizes):
+    """The size from which nats are above what is wanted; nats grow with its square in between.
+
+    They stay above at the next larger size as well. Far beyond, effects may look alike again: a
+    dead band and a coarse step that both swallow every command.
+    """
+    above = nats >= wanted
+    lasting = np.flatnonzero(above & np.append(above[1:], True))
+    if not lasting.size:
         return math.inf
-    low, high = (math.log(max(n, _TINY)) for n in nats[last : last + 2])
+    first = int(lasting[0])
+    if first == 0:
+        return float(sizes[0] * math.sqrt(wanted / nats[0]))
+    low, high = (math.log(max(n, _TINY)) for n in nats[first - 1 : first + 1])
+    if low >= high:
+        return float(sizes[first])
     part = (math.log(wanted) - low) / (high - low)
-    return float(sizes[last] * (sizes[last + 1] / sizes[last]) ** part)
+    return float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** part)
 
 
 def _mattering(responses: Responses, name: str, first: FloatArray) -> float:

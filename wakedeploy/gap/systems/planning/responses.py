@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import (
+    LOST_NATS,
     Fit,
     FloatArray,
     Score,
@@ -22,7 +23,7 @@ from wakedeploy.gap.evidence.fits import (
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
-GRID = 10.0 ** np.linspace(-4.0, 0.5, 10)  # multiples of a usual size
+GRID = 10.0 ** np.linspace(-4.0, 1.5, 12)  # multiples of the size at an effect's start
 
 
 class Responses:
@@ -34,6 +35,11 @@ class Responses:
         prior = np.diag(np.sqrt(prior_precision(base.free)))
         q, _ = np.linalg.qr(np.vstack([known, prior]))
         self._known = q
+        rest = [
+            [-s.white, np.sqrt(0.5 * s.weight) * (s.innovation**2 / s.variance - 1.0)]
+            for s in base.slopes.scores
+        ]
+        self.rest = self._residual(np.concatenate([part for parts in rest for part in parts]))
 
     def usual(self, name: str) -> FloatArray:
         """Parameters of an effect at each of its starts, (S, p)."""
@@ -52,7 +58,10 @@ class Responses:
         return multiples
 
     def of(self, name: str, points: FloatArray) -> FloatArray:
-        """What is left of the changes at parameters (K, p): (K, 2n + nuisances)."""
+        """What is left of the changes at parameters (K, p): (K, 2n + nuisances).
+
+        NaN where the system leaves its model.
+        """
         base, hypothesis = self.base, (*self.base.hypothesis, name)
         free = self.model.free(hypothesis)
         places = own_places(free, name)
@@ -67,6 +76,8 @@ class Responses:
             root = np.sqrt(score.weight)
             innovation = there.innovation - origin.innovation
             stretch = (there.variance - origin.variance) / score.variance
+            if there.log_density.min(initial=0.0) <= LOST_NATS:
+                innovation = np.full_like(innovation, np.nan)
             parts += [root * innovation / np.sqrt(score.variance), root * stretch / 2.0**0.5]
         return np.concatenate(parts)
 
