@@ -81,7 +81,9 @@ def run_power(
         "its nearest rival. Matters: removes a hundredth of the squared forecast error."
     )
     if base.hypothesis:
-        click.echo(f"All this is beside what the answer in {out} has: {', '.join(base.hypothesis)}.")
+        click.echo(
+            f"All this is beside what the answer in {out} has: {', '.join(base.hypothesis)}."
+        )
     if detectable.missing is not None:
         name, nats = detectable.missing
         click.echo(
@@ -102,9 +104,7 @@ def _least(effect: "EffectPower") -> list[str]:
     from wakedeploy.gap.systems.answers.reader_units import sizes_as_read
 
     sizes = [effect.detected, effect.named, effect.matters, effect.largest]
-    name, unit, (*shown, largest) = sizes_as_read(
-        effect.name, effect.parameter, effect.unit, sizes
-    )
+    name, unit, (*shown, largest) = sizes_as_read(effect.name, effect.parameter, effect.unit, sizes)
     beyond = f"{'<' if name != effect.parameter else '>'} {_number(largest)}"
     seen, named, matters = (_number(s) if _number(s) != "-" else beyond for s in shown)
     return [effect.name, name, seen, named, effect.rival, matters, unit]

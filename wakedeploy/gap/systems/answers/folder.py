@@ -148,7 +148,11 @@ def correction_told(out: Path) -> str:
     path = out / CORRECTION
     if not path.is_file():
         return "Correction: none, as nothing was named. Constants stay as the system states them."
-    what = "" if "[[effect]]" in path.read_text() else " with the constants that nobody has measured, as fitted,"
+    what = (
+        ""
+        if "[[effect]]" in path.read_text()
+        else " with the constants that nobody has measured, as fitted,"
+    )
     return f"Correction: {path},{what} for `gap simulate` and System.corrected()"
 
 
