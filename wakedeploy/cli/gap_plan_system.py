@@ -87,9 +87,9 @@ def run_power(
     if detectable.missing is not None:
         name, nats = detectable.missing
         click.echo(
-            f"These logs lack something already: {name} or what looks like it would gain {nats:.0f} "
-            "nats or more. Beside it every size comes out too large: run `gap close`, and give the "
-            "folder of its answer as --out."
+            f"These logs lack something already: {name} or what looks like it would gain "
+            f"{nats:.0f} nats or more. Beside it every size comes out too large: run `gap close`, "
+            "and give the folder of its answer as --out."
         )
     if out is not None:
         rows = [{k: _finite(v) for k, v in vars(e).items()} for e in detectable.effects]

@@ -158,6 +158,38 @@ def test_degrees_celsius_need_an_offset(header: str, tmp_path: Path) -> None:
         reading(path, text.replace('"K"', '"degC"'))
 
 
+@pytest.mark.parametrize("mark", [-999.0, 65535.0])
+def test_a_number_that_stands_for_no_reading(mark: float, tmp_path: Path) -> None:
+    values = 20.0 + np.sin(np.arange(200) / 9.0)
+    values[[17, 60, 61, 150]] = mark
+    path = write(tmp_path / "log.csv", list(np.arange(200) / 100), list(values))
+    (note,) = reading(path, BASE + U).notes
+    assert f"4 of 200 numbers are {mark:.6g}, and all others 19 to 21" in note
+    assert note.endswith(f"say absent = [{mark:.6g}]")
+    marked = BASE + U + f"absent = [{mark}]\n"
+    with pytest.raises(UnusableInput, match="has no number in line 19"):
+        reading(path, marked)
+    held = reading(path, marked + 'missing = "hold"\n')
+    assert all("absent" not in note for note in held.notes)
+    assert held.recordings[0].columns["u"].max() < 22.0
+
+
+@pytest.mark.parametrize("values", [[0.0, 1.0] * 50, [0.0] * 98 + [5.0, 5.0], [3.0] * 100])
+def test_a_command_of_few_levels_has_no_mark(values: list[float], tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", list(np.arange(100) / 100), values)
+    assert not any("absent" in note for note in reading(path, BASE + U).notes)
+
+
+def test_times_of_day_go_on_behind_midnight(tmp_path: Path) -> None:
+    stamps = [f"23:59:59.{k}" for k in range(5, 10)] + [f"00:00:00.{k}" for k in range(10)]
+    path = write(tmp_path / "log.csv", list(stamps), list(range(15)))
+    text = BASE + 'format = "%H:%M:%S.%f"\n' + U
+    assert np.ptp(one(path, text).time_s) == pytest.approx(1.4)
+    back = write(tmp_path / "back.csv", ["10:00:01.0", "10:00:02.0", "10:00:00.0"], [1, 2, 3])
+    with pytest.raises(UnusableInput, match="falls by 2 s"):
+        reading(back, text)
+
+
 def test_a_remark_in_a_header_is_no_unit(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("t,x (filtered)\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")

@@ -170,6 +170,8 @@ class Column(_Table):
     """What they become; the SI unit of the same dimension where nothing is said."""
     scale: float = 1.0
     offset: float = 0.0
+    absent: tuple[float, ...] = ()
+    """Numbers of the log that stand for "no reading", as -999: there is no number there."""
     missing: Literal["refuse", "hold", "nan", "split"] = "refuse"
     """A sample without a number: refused, the last one held, NaN, or the end of a recording.
 

@@ -32,7 +32,7 @@ from wakedeploy.domains.tables.pieces import (
     gap_between,
     longest_silence,
 )
-from wakedeploy.domains.tables.remarks import Remarks
+from wakedeploy.domains.tables.remarks import Remarks, mark_in
 from wakedeploy.domains.tables.resampling import even_ticks, evened, unevenness
 from wakedeploy.domains.tables.series import Place, Series
 from wakedeploy.domains.tables.stamps import (
@@ -271,7 +271,12 @@ class FileReader:
     ) -> Vector:
         """A column's numbers as the log has them, or the angle that they give."""
         parts = [self._floats(place, raw[id(place.log), each]) for each in place.addresses]
-        angle = wanted.column.angle
+        angle, marks = wanted.column.angle, list(wanted.column.absent)
+        for part in parts:
+            part[np.isin(part, marks)] = np.nan
+            mark = None if marks else mark_in(part)
+            if mark is not None:
+                self.notes.append(f"{place.log.path}, column {place.address!r}: {mark}")
         return parts[0] if angle is None else angle_of(place, angle, parts, self.notes)
 
     def _floats(self, place: Place, values: Values) -> Vector:
@@ -280,7 +285,7 @@ class FileReader:
         if values.dtype.kind == "M":
             raise place.refused("holds dates", "leave it out, or choose another")
         with np.errstate(over="ignore"):
-            return as_floats(values)
+            return np.array(as_floats(values))
 
     def _series(self, wanted: Wanted, place: Place, times: Timeline, values: Vector) -> Series:
         values = wanted.converted(values)

@@ -28,6 +28,10 @@ _FILLED_BY = {  # what stands at the ticks in a silence
 }
 
 
+_FEWEST_MARKS, _MARKED = 2, 0.2  # of one number, and the share of a log up to which it is a mark
+_FAR_FROM_OTHERS = 5.0  # times the range of all others
+
+
 @dataclass
 class _Tally:
     """What was seen of a column in the pieces so far."""
@@ -124,6 +128,24 @@ class Remarks:
 
     def _of(self, column: Series) -> _Tally:
         return self._tallies.setdefault(column.name, _Tally(column))
+
+
+def mark_in(values: Vector) -> str | None:
+    """What to say where one number stands again and again, far from all others: a mark, as -999."""
+    there = values[np.isfinite(values)]
+    for mark in (there.min(initial=np.inf), there.max(initial=-np.inf)):
+        others = there[there != mark]
+        count = len(there) - len(others)
+        if not len(others) or not _FEWEST_MARKS <= count <= _MARKED * len(there):
+            continue
+        apart = min(abs(mark - others.min()), abs(mark - others.max()))
+        if apart > _FAR_FROM_OTHERS * np.ptp(others) > 0.0:
+            span = f"{others.min():.4g} to {others.max():.4g}"
+            return (
+                f"{count} of {len(there)} numbers are {mark:.6g}, and all others {span}; if that "
+                f"stands for no reading, say absent = [{mark:.6g}]"
+            )
+    return None
 
 
 def _on_blanks(tally: _Tally) -> str:

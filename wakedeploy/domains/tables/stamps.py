@@ -5,6 +5,7 @@ In: the numbers or texts under a clock's address. Out: a `Timeline`, and remarks
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -25,6 +26,8 @@ Refuse = Callable[[str, str], UnusableInput]  # of a reason and an advice
 
 _LATEST_S = 1e12
 _SWAPPED_ROWS = 20  # that a message comes late, and not a clock that was set back
+_DATE = re.compile(r"%[dDjxcsuwFyYG]")  # of a form that has the day, too
+_DAY_NS = 86_400 * 1_000_000_000
 _DATES_BEGIN_S = 1_000_000  # a clock that shows more counts from a year, not from a start
 
 
@@ -92,7 +95,14 @@ def as_numbers(values: Values, form: str | None, place: Place, refuse: Refuse) -
         raise refuse(f"holds texts, {str(values[0])[:40]!r} the first", advice)
     if form is None or values.dtype.kind == "M":
         return values
-    return np.array([_ns_of(str(v), form, i, place, refuse) for i, v in enumerate(values)])
+    stamps = np.array([_ns_of(str(v), form, i, place, refuse) for i, v in enumerate(values)])
+    return stamps if form == "iso" or _DATE.search(form) else _past_midnight(stamps)
+
+
+def _past_midnight(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Times of day that go on behind midnight, where they fall by more than half a day."""
+    falls = np.diff(stamps_ns, prepend=stamps_ns[:1]) < -_DAY_NS // 2
+    return np.asarray(stamps_ns + _DAY_NS * np.cumsum(falls))
 
 
 def _ns_of(text: str, form: str, index: int, place: Place, refuse: Refuse) -> int:
