@@ -7,7 +7,7 @@ users' systems and recorded domains differ in what a step does, not in what foll
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,14 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.ascent import slopes_at
 from wakedeploy.gap.evidence.fits import Fit, densities
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.search.artefacts import Answer, Disagreements, Result, joined, read
+from wakedeploy.gap.search.artefacts import (
+    Answer,
+    Disagreements,
+    Result,
+    joined,
+    object_of,
+    read,
+)
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.repeatability import repeated
@@ -72,7 +79,10 @@ class Folder:
     """What the steps of a `Comparison` leave in a folder.
 
     What has run under the same `key` is not repeated. `forecast_s` is how far ahead errors are of.
+    `later` are the files of the steps after `find`.
     """
+
+    later: ClassVar[tuple[str, ...]] = ("name.json", "domain.json", "report.html")
 
     def __init__(
         self, model: Comparison, out: Path, key: str, forecast_s: float, progress: Progress = quiet
@@ -86,10 +96,27 @@ class Folder:
         known = read(path, Disagreements, self.key)
         if known is not None:
             return known
+        self._begin_anew(path)
         self.progress("fitting the system as it is")
         found = found_in(self.model, fitted_base(self.model), self.key)
         found.write(path)
         return found
+
+    def _begin_anew(self, path: Path) -> None:
+        """Remove what steps left of an earlier form of the system, or of other logs of it.
+
+        Raises UnusableInput where it is of another system.
+        """
+        if not path.exists():
+            return
+        of = object_of(path, "delete it to run the step anew").get("domain")
+        if of != self.model.name:
+            raise UnusableInput(
+                f"{self.out}: holds what was found about {of}, and this is {self.model.name}; give "
+                "another --out."
+            )
+        for name in self.later:
+            (self.out / name).unlink(missing_ok=True)
 
     def name(self) -> Answer:
         """Which effects the system lacks, and whether each half of the logs says so: name.json."""

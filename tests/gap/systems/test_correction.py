@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.gap.report.test_system_page import result
-from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy import Constant, Input, Output, Port, System, UnusableInput
 from wakedeploy.cli import main
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
@@ -199,3 +199,25 @@ def test_what_an_unknown_leaves_open_is_in_no_correction(verdict, is_added, tmp_
     folder.add()
     assert (tmp_path / "correction.toml").exists() == is_added
     assert correction_told(tmp_path).startswith("Correction: none") != is_added
+
+
+def test_a_folder_is_of_one_system_and_what_follows_find_is_of_its_present_form(tmp_path):
+    def folder(changed, name="Slide"):
+        model = LogModel(type(name, (Measured,), changed)(), [recorded(1)])
+        return OwnFolder(model, tmp_path)
+
+    folder({}).find()
+    for name in OwnFolder.later:
+        (tmp_path / name).write_text("of before")
+    folder({}).find()  # which is known
+    assert all((tmp_path / name).exists() for name in OwnFolder.later)
+    folder({"constants": Slide.constants}).find()
+    assert not any((tmp_path / name).exists() for name in OwnFolder.later)
+    with pytest.raises(UnusableInput, match="holds what was found about Slide, and this is Other"):
+        folder({}, "Other").find()
+
+
+def test_an_effect_without_its_port_is_meant(tmp_path):
+    model = LogModel(Measured(), [recorded(1)])
+    with pytest.raises(UnusableInput, match=r"no effect 'offset'; did you mean offset@speed_mps\?"):
+        model.acting(("offset",))

@@ -38,6 +38,8 @@ class OwnFolder(Folder):
     With `only`, `add` adds that effect in the place of a class.
     """
 
+    later = (*Folder.later, CORRECTION, PLAN)
+
     def __init__(
         self, model: LogModel, out: Path, progress: Progress = quiet, only: str | None = None
     ) -> None:

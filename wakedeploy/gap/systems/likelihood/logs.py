@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.names import near, one_of
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Score
 from wakedeploy.gap.rules import RULES
@@ -202,8 +203,9 @@ class LogModel(ComparisonDefaults):
         """The system with a hypothesis's effects."""
         for name in hypothesis:
             if name not in self.library:
-                known = ", ".join(self.library) or "none"
-                raise UnusableInput(f"{self.name}: no effect {name!r}; there are: {known}.")
+                close, known = near(name, self.library), ", ".join(self.library) or "none"
+                hint = f"did you mean {one_of(close)}?" if close else f"there are: {known}."
+                raise UnusableInput(f"{self.name}: no effect {name!r}; {hint}")
         effects = [self.library[name] for name in hypothesis]
         return Acting(self.system, effects, self.sizes, self.driven)
 
