@@ -143,7 +143,7 @@ def test_every_unit_that_the_manual_lists_is_known() -> None:
         ("resistance_ohm", "ohm"), ("push_n_per_v", "N/V"), ("drag_nm_per_radps", "N m/(rad/s)"),
         ("inertia_kgm2", "kg m²"), ("inertia_kg_m2", "kg m²"), ("speed_rpm", "rpm"),
         ("torque_nm_per_a", "N m/A"), ("drop_n_per_ms", "N/(m s)"), ("arm_a", None),
-        ("length_m", "m"), ("m", None),
+        ("length_m", "m"), ("m", None), ("capacity_j_per_k", "J/K"), ("axis_j", None),
         ("inflow_per_s", None), ("gain", None),
     ],
 )  # fmt: skip

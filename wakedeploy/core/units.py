@@ -246,6 +246,7 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
     "mps": "m/s", "mps2": "m/s²", "radps": "rad/s", "radps2": "rad/s²", "mm": "mm", "mv": "mV",
     "ma": "mA", "us": "us", "ms": "ms", "um": "um", "pct": "%", "percent": "%",
 }  # fmt: skip
+_ENDS_ABOVE = _ENDS | {"a": "A", "j": "J", "k": "K"}
 _ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s"}  # alone, `arm_a` is no current
 
 _ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt` is a constant
@@ -259,9 +260,9 @@ _PLAIN_ENDS = {"mps", "mps2", "radps", "radps2", "kgm2", "rpm", "kmh", "knots", 
 def unit_at_end(name: str) -> str | None:
     """The unit that any name ends in, or None: `resistance_ohm` → "ohm", `push_n_per_v` → "N/V"."""
     *words, end = name.replace("_kg_m2", "_kgm2").split("_")
-    if len(words) > 2 and words[-1] == "per" and words[-2] in _ENDS and end in _ENDS_BELOW:
+    if len(words) > 2 and words[-1] == "per" and words[-2] in _ENDS_ABOVE and end in _ENDS_BELOW:
         below = _ENDS_BELOW[end]
-        return f"{_ENDS[words[-2]]}/{f'({below})' if set(below) & set(' /') else below}"
+        return f"{_ENDS_ABOVE[words[-2]]}/{f'({below})' if set(below) & set(' /') else below}"
     return _ENDS.get(end) if words and words[-1] != "per" else None
 
 

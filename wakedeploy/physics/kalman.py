@@ -17,6 +17,7 @@ _TAYLOR = 8
 _FINE_ENOUGH = 1e-8  # of the last term of the series, by norm
 _COARSEST = 0.5  # norm of a matrix whose exponential is summed; larger ones are halved first
 _LEAST_VARIANCE = 1e-300
+_CAUCHY = (2.0 / math.pi) ** 0.5  # his density over the normal one's, in the middle
 _LOST_NORM = 1e9  # of a matrix times a sample: such a lane has left its model
 _SWEEPS, _AGREED = 40, 1e-6  # over frictions that change each other's speeds; shares of strengths
 _WIDE = 8  # lanes that are computed side by side, as a processor's registers hold them
@@ -73,7 +74,8 @@ def corrected(
             inlier = math.log(1.0 - outliers) - 0.5 * z2
             both, weight = inlier, 1.0
             if outliers > 0.0:
-                outlier = math.log(outliers / spread) - 0.5 * z2 / (spread * spread)
+                # Of Cauchy's tails: however far off, a stray says nothing of the others' noise.
+                outlier = math.log(_CAUCHY * outliers / spread) - math.log1p(z2 / (spread * spread))
                 top = max(inlier, outlier)
                 both = top + math.log(math.exp(inlier - top) + math.exp(outlier - top))
                 weight = math.exp(inlier - both)

@@ -142,6 +142,26 @@ def test_a_sensor_that_hangs_is_refused_unless_another_log_has_it_moving():
     assert len(logs_of(Mass(), [log, moving])) == 2
 
 
+def test_strays_however_far_say_nothing_of_the_others():
+    """A tracker that jumps by metres: noise, constants and what follows stay those of the rest."""
+    recording, rng = recorded(1, seconds=20.0), np.random.default_rng(3)
+    strays = rng.random(len(recording.time_s)) < 0.01
+    y = recording.columns["position_m"].copy()
+    y[strays] += rng.uniform(-5.0, 5.0, strays.sum())
+    columns = {**recording.columns, "position_m": y}
+    strayed = Recording("strayed", recording.time_s, columns)
+    robust = type("Robust", (Mass,), {"outlier_share": 0.02})
+    clean, fitted = (
+        fit(model, (), range(model.episodes))
+        for model in (LogModel(Mass(), [recording]), LogModel(robust(), [strayed]))
+    )
+    for name in ("constant.mass_kg", "constant.spring_n_per_m", "constant.damping_n_per_mps"):
+        assert abs(fitted.value(name) - clean.value(name)) < clean.standard_error(name)
+    assert fitted.value("noise.position_m") == pytest.approx(
+        clean.value("noise.position_m"), abs=0.15
+    )
+
+
 def test_the_last_reading_of_a_slow_sensor_is_the_newest_that_was_measured():
     """Without a model a forecast is the last reading, which seldom lies where a forecast begins."""
     rows = np.arange(800)

@@ -99,7 +99,10 @@ def remarks(answer: Answer) -> list[str]:
 def _found(disagreements: Disagreements) -> list[str]:
     places = disagreements.where
     if not places:
-        return ["The system and its logs disagree nowhere beyond noise."]
+        return [
+            "No place stands out where the system and its logs disagree. What is missing everywhere"
+            " alike, as a delay, shows in none: the next step, `name`, asks for it."
+        ]
     lines = [f"They disagree in {len(places)} places; the clearest:"]
     for p in places[:_MOST_PLACES]:
         lines.append(
