@@ -238,6 +238,17 @@ def test_a_log_in_other_names_and_units_is_the_same_log(folder, foreign, tmp_pat
     assert converted["without"]["position_m"] == pytest.approx(own["without"]["position_m"])
 
 
+@pytest.mark.parametrize(("role", "other"), [("input", "output"), ("output", "input")])
+def test_a_role_that_is_not_the_system_s_is_refused(role, other, folder, foreign, tmp_path):
+    """What drives a system is held where it is not logged; what it shows is not."""
+    text = COLUMNS.format(name="voltage_v")
+    (tmp_path / "c.toml").write_text(text.replace(f'"{role}"', f'"{other}"'))
+    ended = _simulated(folder, "--measured", foreign, "--columns", tmp_path / "c.toml")
+    assert ended.exit_code == 2
+    assert f"role is {other!r}, and it is an {role} of" in ended.stderr
+    assert ended.stderr.strip().endswith(f'give role = "{role}".')
+
+
 def test_a_slow_sensor_judges_a_correction_as_a_fast_one_does(folder, tmp_path):
     """Positions at 20 Hz, ticks at 100 Hz: a repeat would be off by the way since."""
     _corrected(folder, 0.8)

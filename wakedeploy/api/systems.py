@@ -77,11 +77,30 @@ def recordings_of(
     if not paths:
         raise UnusableInput("columns go with logs that are read from files; leave them out.")
     known = columns if isinstance(columns, Columns) else read_columns(Path(columns))
+    _require_roles(known, system)
     units = {i.name: i.unit for i in system.logged} | {o.name: o.unit for o in system.outputs}
     reading = read_recordings(paths, known, units)
     for note in reading.notes:
         warn(note)
     return given + list(reading.recordings)
+
+
+def _require_roles(columns: Columns, system: System) -> None:
+    """UnusableInput for an input that is read as a reading, or an output as a command.
+
+    What drives the system has a value at all times; what it shows counts where it was measured.
+    """
+    stated = [("input", i.name) for i in system.logged] + [
+        ("output", o.name) for o in system.outputs
+    ]
+    opposite = {"input": {"output"}, "output": {"input"}}
+    for role, name in stated:
+        column = columns.columns.get(name)
+        if column is not None and set(column.roles) == opposite[role]:
+            raise UnusableInput(
+                f"{columns.file}: columns.{name}.role is {column.roles[0]!r}, and it is an {role} of"
+                f' {system.name}; give role = "{role}".'
+            )
 
 
 def _plain(path: Path, system: System, warn: Warn) -> Recording:
