@@ -98,8 +98,8 @@ def _require_roles(columns: Columns, system: System) -> None:
         column = columns.columns.get(name)
         if column is not None and set(column.roles) == opposite[role]:
             raise UnusableInput(
-                f"{columns.file}: columns.{name}.role is {column.roles[0]!r}, and it is an {role} of"
-                f' {system.name}; give role = "{role}".'
+                f"{columns.file}: columns.{name}.role is {column.roles[0]!r}, and it is an {role} "
+                f'of {system.name}; give role = "{role}".'
             )
 
 
