@@ -244,9 +244,9 @@ def test_a_role_that_is_not_the_system_s_is_refused(role, other, folder, foreign
     text = COLUMNS.format(name="voltage_v")
     (tmp_path / "c.toml").write_text(text.replace(f'"{role}"', f'"{other}"'))
     ended = _simulated(folder, "--measured", foreign, "--columns", tmp_path / "c.toml")
-    assert ended.exit_code == 2
-    assert f"role is {other!r}, and it is an {role} of" in ended.stderr
-    assert ended.stderr.strip().endswith(f'give role = "{role}".')
+    said = str(ended.exception)
+    assert f"role is {other!r}, and it is an {role} of" in said
+    assert said.endswith(f'give role = "{role}".')
 
 
 def test_a_slow_sensor_judges_a_correction_as_a_fast_one_does(folder, tmp_path):
