@@ -113,6 +113,11 @@ def column_notes(model: LogModel) -> list[str]:
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
         notes += _notes(f"output {shown.name}", values)
+        if model.strays[shown.name]:
+            notes.append(
+                f"output {shown.name}: {counted(model.strays[shown.name], 'reading')} far from all "
+                "around left out, as `outlier_share` allows."
+            )
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")

@@ -1,5 +1,7 @@
 """The engine: likelihoods of an independent Kalman filter, and effects whose truth is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
@@ -16,6 +18,7 @@ from wakedeploy.gap.systems.likelihood import logs
 from wakedeploy.gap.systems.likelihood.blocks import logs_of
 from wakedeploy.gap.systems.likelihood.filter import Inputs
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.sensitivity import column_notes
 
 RATE = 100.0
 
@@ -142,6 +145,23 @@ def test_a_sensor_that_hangs_is_refused_unless_another_log_has_it_moving():
     assert len(logs_of(Mass(), [log, moving])) == 2
 
 
+def test_first_guesses_and_forecasts_are_without_far_strays():
+    recording, rng = recorded(1, seconds=20.0), np.random.default_rng(3)
+    strays = rng.random(len(recording.time_s)) < 0.01
+    y = recording.columns["position_m"].copy()
+    y[strays] += rng.choice([-1.0, 1.0], strays.sum()) * rng.uniform(3.0, 9.0, strays.sum())
+    strayed = replace(recording, columns={**recording.columns, "position_m": y})
+    robust = type("Robust", (Mass,), {"outlier_share": 0.02})
+    clean, model = LogModel(Mass(), [recording]), LogModel(robust(), [strayed])
+    assert np.array_equal(np.isnan(model.logs[0].outputs[0]), strays)
+    for name, size in clean.sizes.items():
+        assert model.sizes[name] == pytest.approx(size, rel=0.1, abs=1e-3), name
+    assert np.isfinite(LogModel(robust(), [recording]).logs[0].outputs).all()
+    (note,) = [n for n in column_notes(model) if "outlier_share" in n]
+    assert f"output position_m: {strays.sum()} readings far from all around left out" in note
+
+
+@pytest.mark.whole
 def test_strays_however_far_say_nothing_of_the_others():
     """A tracker that jumps by metres: noise, constants and what follows stay those of the rest."""
     recording, rng = recorded(1, seconds=20.0), np.random.default_rng(3)

@@ -88,6 +88,7 @@ def test_a_turn_within_a_step_counts_from_where_it_is(model, effect, parameters,
     assert reached[2, 0] == pytest.approx(exact.y[2, -1], abs=0.02)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("effect", "parameters", "most"),
     [(*EFFECTS[0][:2], 25.0), (*EFFECTS[1][:2], 5.0)],

@@ -28,6 +28,7 @@ from wakedeploy.gap.systems.likelihood.curves import curves, taken_for
 from wakedeploy.gap.systems.likelihood.filter import Filter, Run, Start
 from wakedeploy.gap.systems.likelihood.initial_states import InitialStates, initial_states
 from wakedeploy.gap.systems.likelihood.leftover import leftovers
+from wakedeploy.gap.systems.likelihood.strays import without_strays
 from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.system import Point, System
 
@@ -57,7 +58,14 @@ class LogModel(ComparisonDefaults):
         self, system: System, recordings: Sequence[Recording], outliers: float | None = None
     ) -> None:
         self.system, self.name = system, system.name
-        self.logs = logs_of(system, recordings)
+        share = system.outlier_share if outliers is None else outliers
+        read = logs_of(system, recordings)
+        self.logs = [without_strays(log) for log in read] if share else read
+        left_out = sum(
+            (np.isnan(kept.outputs) & np.isfinite(log.outputs)).sum(axis=1)
+            for kept, log in zip(self.logs, read, strict=True)
+        )
+        self.strays = dict(zip((o.name for o in system.outputs), map(int, left_out), strict=True))
         self.blocks = blocks_of(self.logs)
         self.dt_s = 1.0 / system.rate_hz
         self.channels = tuple((o.name, o.unit) for o in system.outputs)
@@ -77,7 +85,6 @@ class LogModel(ComparisonDefaults):
         self.span_s = max(log.outputs.shape[1] for log in self.logs) * self.dt_s
         self.library = offered(system, self.sizes, (self.dt_s, self.span_s))
         self.effects = {name: effect.free for name, effect in self.library.items()}
-        share = system.outlier_share if outliers is None else outliers
         self.filter = Filter(self.logs, self.blocks, self._starts, self.driven, share)
         self.records = [self._record(b) for b in self.blocks]
         self.is_pushed = True  # whether pushes that last are free in every hypothesis
