@@ -201,7 +201,7 @@ def test_a_column_without_a_unit_has_no_1_behind_its_range() -> None:
 
 def test_degrees_that_are_taken_for_radians_are_turns() -> None:
     angle = {"inputs": [Input("command_pct", "rad")]}
-    columns = {"command_pct": np.linspace(-90.0, 90.0, 400), "flow": np.zeros(400)}
+    columns = {"command_pct": np.linspace(-90.0, 90.0, 400), "flow": np.sin(np.arange(400) / 9.0)}
     log = Recording("made", np.arange(400) / 100.0, columns)
     told = column_notes(LogModel(_valve(**angle), [log]))
     assert (

@@ -84,9 +84,10 @@ def logs_of(system: System, recordings: Sequence[Recording]) -> list[Log]:
         values = values[np.isfinite(values)]
         if np.ptp(values) == 0.0:
             where = recordings[0].name if len(logs) == 1 else f"all {len(logs)} logs"
+            shown = f"{values[0]:.4g}" + f" {output.unit}" * (output.unit not in ("", "1"))
             raise UnusableInput(
-                f"{where}: output {output.name!r} is always {values[0]:.4g} {output.unit}; mend the"
-                " log whose sensor hangs, name another column, or leave out the output."
+                f"{where}: output {output.name!r} is always {shown}; mend the log whose sensor "
+                "hangs, name another column, or leave out the output."
             )
     return logs
 
