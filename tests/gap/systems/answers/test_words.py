@@ -210,7 +210,8 @@ def test_halves_that_agree_are_told_with_their_sizes() -> None:
 def test_of_several_effects_halves_speak_of_the_first() -> None:
     effects = [{"name": n, "parameters": {}, "forecast": SHARE} for n in (LAG, "drag@v")]
     said = told({"a": (1.0, 0.5)}, effects=effects, **halved(True, (0.1, 0.14), (0.09, 0.12)))
-    assert any(f"Each half of the logs by itself says the same of `{LAG}`." in x for x in said)
+    words = f"Each half of the logs by itself says the same of `{LAG}`, and was asked no further."
+    assert any(words in x for x in said)
 
 
 def test_in_a_class_halves_say_no_more_and_what_they_leave_open() -> None:

@@ -25,8 +25,10 @@ def repeated_answer(answer: Answer) -> str:
         return "The two halves of the logs do not agree: record more."
     if answer.verdict == "class":
         return "Each half of the logs by itself says no more."
-    several = f" of `{answer.effects[0].name}`" if len(answer.effects) > 1 else ""
-    return f"Each half of the logs by itself says the same{several}."
+    if len(answer.effects) == 1:
+        return "Each half of the logs by itself says the same."
+    first = answer.effects[0].name
+    return f"Each half of the logs by itself says the same of `{first}`, and was asked no further."
 
 
 def _half(half: Half) -> str:
