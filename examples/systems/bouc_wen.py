@@ -7,7 +7,7 @@ class BoucWen(System):
     """The simulated benchmark of Noël and Schoukens (2016), without the force that remembers."""
 
     rate_hz = 750.0
-    steps = 4
+    steps = 2
     inputs = [Input("force_n", "N", hold="bandlimited")]
     states = {"position_m": "m", "speed_mps": "m/s"}
     outputs = [Output("position_m", "m", noise=1e-5)]

@@ -4,7 +4,6 @@ Each is written for one point and called with arrays; `at` is where the system i
 parameters. Dry friction is no force but a bound on one: see `physics.friction`.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,6 +13,8 @@ from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Param
 
 _STILL = 0.02  # share of the usual speed over which a sign turns
 AT_ONCE = 0.005  # the same of friction that turns at once
+_STEEPEST = 50.0  # growth of a memory in a step, as an exponent
+_EMPTY = 1e-9
 _FORCE = {"force": 1}
 _ARMSTRONG = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994"
 _MECHANICS = "Landau and Lifshitz, Mechanics, 1976"
@@ -43,12 +44,13 @@ class ForceKind(Kind):
         """Derivatives of the kind's own states."""
         return ()
 
-    def turned(
-        self, at: At, faster: FloatArray, more: Sequence[FloatArray], p: Parameters
+    def own_corrections(
+        self, at: At, faster: FloatArray, p: Parameters, step_s: float
     ) -> tuple[Any, ...]:
-        """What turning within a step adds to the means of `own_rates`, which know no turn.
+        """What `own_rates` lack of a step over which the speed changes evenly, by `faster`.
 
-        Over the step the speed changes by `faster`, the own states by `more`.
+        A step that is linear around its begin knows neither where the speed turns within it, nor
+        how a memory fades on a long way.
         """
         return (0.0,) * self.own_states
 
@@ -161,11 +163,11 @@ class Presliding(ForceKind):
         """The rate of the bristles' bending, which stays between −1 and 1."""
         return ((at.speed - np.abs(at.speed) * at.own_states[0]) / p["length"],)
 
-    def turned(
-        self, at: At, faster: FloatArray, more: Sequence[FloatArray], p: Parameters
+    def own_corrections(
+        self, at: At, faster: FloatArray, p: Parameters, step_s: float
     ) -> tuple[Any, ...]:
         """The bristles are bent back from where the speed turns."""
-        return (-_beyond_zero(at.speed, faster) * at.own_states[0] / p["length"],)
+        return (_memory_correction(at, faster, p["length"], 0.0, step_s),)
 
 
 class QuadraticDrag(ForceKind):
@@ -312,13 +314,11 @@ class Hysteresis(ForceKind):
         z, v = at.own_states[0], at.speed
         return ((v - np.abs(v) * z - p["shape"] * v * np.abs(z)) / p["length"],)
 
-    def turned(
-        self, at: At, faster: FloatArray, more: Sequence[FloatArray], p: Parameters
+    def own_corrections(
+        self, at: At, faster: FloatArray, p: Parameters, step_s: float
     ) -> tuple[Any, ...]:
         """The memory fades otherwise from where the speed turns, and from where it is empty."""
-        z, v = at.own_states[0], at.speed
-        changed = _beyond_zero(v, faster) * z + p["shape"] * v * _beyond_zero(z, more[0])
-        return (-changed / p["length"],)
+        return (_memory_correction(at, faster, p["length"], p["shape"], step_s),)
 
 
 class AddedInertia(ForceKind):
@@ -443,14 +443,48 @@ class Coupling(ForceKind):
         return np.asarray(p["coefficient"] * at.other)
 
 
-def _beyond_zero(value: FloatArray, change: FloatArray) -> FloatArray:
-    """By how much the mean of |value| over a step exceeds what it is with the sign as it begins.
+def _memory_correction(
+    at: At, faster: FloatArray, length: Any, shape: Any, step_s: float
+) -> FloatArray:
+    """What the rate of a memory z' = (v − |v| z − shape v |z|) / length lacks of a step.
 
-    The value changes evenly. Without this, when within a step it passes zero would not matter, and
-    a likelihood would jump where that moves into another step.
+    The speed changes evenly: the memory then follows the way before the turn and the way back, each
+    in closed form. Of that the step knows what is linear around its begin. Without the rest a
+    likelihood jumps where a turn moves into another step, and has many summits.
     """
-    beyond = np.where(value < 0.0, change + value, -change - value)
-    return np.asarray(np.maximum(beyond, 0.0) ** 2 / np.maximum(np.abs(change), 1e-300))
+    v, z = at.speed, at.own_states[0]
+    forth = np.where(v < 0.0, -1.0, 1.0)
+    on = forth * (v + faster)  # the speed at the end, along that of the begin
+    share = np.where(on < 0.0, np.abs(v) / np.maximum(np.abs(faster), 1e-300), 1.0)
+    there = step_s * share * 0.5 * (np.abs(v) + np.maximum(on, 0.0)) / length
+    back = step_s * (1.0 - share) * 0.5 * np.maximum(-on, 0.0) / length
+    turned = forth * _followed(forth * z, there, shape)
+    exact = -forth * _followed(-forth * turned, back, shape) - z
+    slope = -step_s * (np.abs(v) + shape * v * np.where(z < 0.0, -1.0, 1.0)) / length
+    known = step_s * (1.0 - forth * z - shape * np.abs(z)) / length
+    first, second = _mean_growths(slope)
+    rate = step_s * (v - np.abs(v) * z - shape * v * np.abs(z)) / length
+    return np.asarray((exact - rate * first - known * faster * second) / (step_s * first))
+
+
+def _followed(y: FloatArray, ways: FloatArray, shape: Any) -> FloatArray:
+    """A memory along the motion, after these ways in its lengths: y' = 1 − y − shape |y|."""
+    fading = 1.0 - shape  # below 0, where it is led to 0
+    led = np.maximum(-fading * y, _EMPTY - 1.0)
+    until = np.where(np.abs(led) < _EMPTY, -y, -y * np.log1p(led) / np.where(led == 0.0, 1.0, led))
+    before = np.where(y < 0.0, np.minimum(ways, np.maximum(until, 0.0)), 0.0)
+    y = y + (1.0 - fading * y) * before * _mean_growths(-fading * before)[0]
+    y = np.where(before < ways, np.maximum(y, 0.0), y)
+    rest, fading = ways - before, 1.0 + shape
+    return np.asarray(y + (1.0 - fading * y) * rest * _mean_growths(-fading * rest)[0])
+
+
+def _mean_growths(slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The means over a step of exp(s x), and of (1 − s) exp(s x), for s from 0 to 1."""
+    x = np.clip(slopes, -_STEEPEST, _STEEPEST)
+    x = np.where(np.abs(x) < 1e-4, 1e-4, x)
+    first = np.expm1(x) / x
+    return first, (first - 1.0) / x
 
 
 def _softened(beyond: FloatArray, p: Parameters, at: At) -> FloatArray:

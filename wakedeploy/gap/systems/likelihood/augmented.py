@@ -58,7 +58,7 @@ class Acting:
         self._of["input"].sort(key=lambda e: not isinstance(e.kind, Saturation))
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
         self._smooth = [e for e in self._of["force"] if e not in self._dry]
-        self._remembering = [e for e in self._smooth if e.own_states]
+        self.remembers = any(e.own_states for e in self._smooth)
         self._known = {p.name: p for p in system.ports if p.friction}
         ports = dict.fromkeys([*self._known, *(e.port.name for e in self._dry)])
         self.dry = [self.states.index(name) for name in ports]  # speeds that it acts on
@@ -178,25 +178,25 @@ class Acting:
             result[i] = rates[name] if name in rates else own_rates[name]
         return result
 
-    def turn(self, x: FloatArray, rates: FloatArray, values: Arrays, step_s: float) -> None:
-        """Add to `rates` (k, …, L), in place, what turning within a step changes on their average.
+    def correct_memories(
+        self, x: FloatArray, rates: FloatArray, pushed: FloatArray, values: Arrays, step_s: float
+    ) -> None:
+        """Add to `rates` (k, …, L), in place, what memories lack of a step: `own_corrections`.
 
-        `rates` at the state `x` (k, L) say how far everything goes within the step; what is added
-        is the same at the points beside it.
+        `rates` at the state `x` (k, L) and lasting pushes on them, `pushed` (k, L), say how speeds
+        change within the step, dry friction left out. What is added is the same at the points
+        beside the state.
         """
-        if not self._remembering:
-            return
-        way = rates[:, 0] - x if self._has_step else step_s * rates[:, 0]
         named = dict(zip(self.states, x, strict=True))
-        gone = dict(zip(self.states, way, strict=True))
-        for effect in self._remembering:
+        for effect in self._smooth:
             kind = effect.kind
-            assert isinstance(kind, ForceKind)
-            more = [gone[n] for n in effect.own_states]
-            given = self._at(effect, named, {}), gone[effect.port.name], more
-            added = kind.turned(*given, effect.parameters(values))
-            for name, rate in zip(effect.own_states, added, strict=True):
-                rates[self.states.index(name)] += self._dt_s * rate
+            if not effect.own_states or not isinstance(kind, ForceKind):
+                continue
+            place = self.states.index(effect.port.name)
+            faster = step_s * (rates[place, 0] + pushed[place])
+            given = self._at(effect, named, {}), faster, effect.parameters(values), step_s
+            for name, rate in zip(effect.own_states, kind.own_corrections(*given), strict=True):
+                rates[self.states.index(name)] += rate
 
     def rubbed(
         self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray

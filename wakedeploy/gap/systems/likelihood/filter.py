@@ -130,7 +130,10 @@ class Stepping:
             points = self._points
             inputs = {n: self._twice(mean, u.early[n]) for n, mean in u.mean.items()}
         rates = acting.rates(points, inputs, *given)
-        acting.turn(x[:k], rates, given[1], step_s or self._step_s)
+        if acting.remembers and not self._has_step:  # of its own, it has no within
+            pushed = np.zeros_like(x[:k])
+            pushed[self._driven[: len(x) - k]] = x[k:]
+            acting.correct_memories(x[:k], rates, pushed, given[1], step_s or self._step_s)
         stepped(x, p, rates, aside, self._driven, *self._noise,
                 step_s or self._step_s, self._has_step, self._dry,
                 *acting.rubbed(x[:k], u.mean, *given))  # fmt: skip
