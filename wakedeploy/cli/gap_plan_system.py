@@ -70,6 +70,8 @@ def run_power(
         model, base = _fitted(system_path, measured, columns, progress)
         if out is not None:
             model, base = beside_answer(model, base, out)
+        if all(name in base.hypothesis for name in model.effects):
+            raise UnusableInput(f"{out}: its answer has every effect that there is to ask for.")
         detectable = power(model, base, steps=lambda done, of: progress("trying effects", done, of))
     print_table(
         "The smallest size that logs like these tell, four times in five",
@@ -86,16 +88,18 @@ def run_power(
         )
     if detectable.missing is not None:
         name, nats = detectable.missing
+        way = "run `gap close`, and give the folder of its answer about these logs as --out."
+        if base.hypothesis:
+            way = "the answer does not have all that is missing."
         click.echo(
-            f"These logs lack something already: {name} or what looks like it would gain "
-            f"{nats:.0f} nats or more. Beside it every size comes out too large: run `gap close`, "
-            "and give the folder of its answer as --out."
+            f"These logs lack something already: {name} or what looks like it would gain some "
+            f"{nats:.0f} nats. Beside it every size comes out too large: {way}"
         )
     if out is not None:
         rows = [{k: _finite(v) for k, v in vars(e).items()} for e in detectable.effects]
-        write_json(
-            out / "power.json", {"threshold_nats": detectable.threshold_nats, "effects": rows}
-        )
+        told = {"threshold_nats": detectable.threshold_nats, "effects": rows}
+        told |= {"beside": list(base.hypothesis), "missing": detectable.missing}
+        write_json(out / "power.json", told)
         click.echo(f"Written: {out / 'power.json'}")
 
 

@@ -75,6 +75,9 @@ def concluded(model: Comparison, progress: Progress = quiet) -> Result:
     return joined(found, answer_of(outcome, again=repeated(outcome, progress)), shown)
 
 
+_ANEW = "delete it to run the step anew"
+
+
 class Folder:
     """What the steps of a `Comparison` leave in a folder.
 
@@ -96,27 +99,33 @@ class Folder:
         known = read(path, Disagreements, self.key)
         if known is not None:
             return known
-        self._begin_anew(path)
+        self.require_own()
         self.progress("fitting the system as it is")
         found = found_in(self.model, fitted_base(self.model), self.key)
         found.write(path)
+        self._remove_stale()
         return found
 
-    def _begin_anew(self, path: Path) -> None:
-        """Remove what steps left of an earlier form of the system, or of other logs of it.
+    def require_own(self) -> None:
+        """UnusableInput where the folder holds steps of another system."""
+        for path in (self.out / name for name in ("find.json", "name.json", "domain.json")):
+            of = object_of(path, _ANEW).get("domain") if path.exists() else None
+            if isinstance(of, str) and of != self.model.name:
+                raise UnusableInput(
+                    f"{self.out}: holds what was found about {of}, and this is {self.model.name}; "
+                    "give another --out."
+                )
 
-        Raises UnusableInput where it is of another system.
-        """
-        if not path.exists():
+    def _remove_stale(self) -> None:
+        """Remove what later steps left of an earlier form of the system, or of other logs of it."""
+        named = self.out / "name.json"
+        if named.exists() and object_of(named, _ANEW).get("key") == self.key:
             return
-        of = object_of(path, "delete it to run the step anew").get("domain")
-        if of != self.model.name:
-            raise UnusableInput(
-                f"{self.out}: holds what was found about {of}, and this is {self.model.name}; give "
-                "another --out."
-            )
-        for name in self.later:
-            (self.out / name).unlink(missing_ok=True)
+        stale = [name for name in self.later if (self.out / name).exists()]
+        for name in stale:
+            (self.out / name).unlink()
+        if stale:
+            self.progress(f"removed, as it was of other logs or another form: {', '.join(stale)}")
 
     def name(self) -> Answer:
         """Which effects the system lacks, and whether each half of the logs says so: name.json."""

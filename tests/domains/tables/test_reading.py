@@ -158,20 +158,35 @@ def test_degrees_celsius_need_an_offset(header: str, tmp_path: Path) -> None:
         reading(path, text.replace('"K"', '"degC"'))
 
 
-@pytest.mark.parametrize("mark", [-999.0, 65535.0])
+@pytest.mark.parametrize("mark", [-999.0, 65535.0, 2147483647.0, -999.9])
 def test_a_number_that_stands_for_no_reading(mark: float, tmp_path: Path) -> None:
     values = 20.0 + np.sin(np.arange(200) / 9.0)
     values[[17, 60, 61, 150]] = mark
     path = write(tmp_path / "log.csv", list(np.arange(200) / 100), list(values))
     (note,) = reading(path, BASE + U).notes
-    assert f"4 of 200 numbers are {mark:.6g}, and all others 19 to 21" in note
-    assert note.endswith(f"say absent = [{mark:.6g}]")
-    marked = BASE + U + f"absent = [{mark}]\n"
+    assert f"4 of 200 numbers are {mark:.10g}, and all others 19 to 21" in note
+    advised = note.rpartition("say ")[2]
+    marked = BASE + U + advised + "\n"
+    wrong = one_note(path, BASE + U + "absent = [-1]\n")
+    assert wrong.endswith("absent = -1 stands nowhere in it")
     with pytest.raises(UnusableInput, match="has no number in line 19"):
         reading(path, marked)
     held = reading(path, marked + 'missing = "hold"\n')
     assert all("absent" not in note for note in held.notes)
     assert held.recordings[0].columns["u"].max() < 22.0
+
+
+def one_note(path: Path, text: str) -> str:
+    (note,) = reading(path, text).notes
+    return note
+
+
+def test_a_mark_in_single_precision_is_the_same(tmp_path: Path) -> None:
+    values = np.sin(np.arange(200) / 9.0).astype(np.float32)
+    values[[17, 60]] = -999.9
+    np.savez(tmp_path / "log.npz", t=np.arange(200) / 100, u=values)
+    text = BASE + U + 'missing = "hold"\nabsent = [-999.9]\n'
+    assert np.abs(one(tmp_path / "log.npz", text).columns["u"]).max() < 2.0
 
 
 @pytest.mark.parametrize("values", [[0.0, 1.0] * 50, [0.0] * 98 + [5.0, 5.0], [3.0] * 100])

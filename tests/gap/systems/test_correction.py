@@ -208,7 +208,7 @@ def test_a_folder_is_of_one_system_and_what_follows_find_is_of_its_present_form(
 
     folder({}).find()
     for name in OwnFolder.later:
-        (tmp_path / name).write_text("of before")
+        (tmp_path / name).write_text('{"domain": "Slide", "key": "of before"}')
     folder({}).find()  # which is known
     assert all((tmp_path / name).exists() for name in OwnFolder.later)
     folder({"constants": Slide.constants}).find()

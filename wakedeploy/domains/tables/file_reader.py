@@ -273,10 +273,18 @@ class FileReader:
         parts = [self._floats(place, raw[id(place.log), each]) for each in place.addresses]
         angle, marks = wanted.column.angle, list(wanted.column.absent)
         for part in parts:
-            part[np.isin(part, marks)] = np.nan
-            mark = None if marks else mark_in(part)
-            if mark is not None:
-                self.notes.append(f"{place.log.path}, column {place.address!r}: {mark}")
+            # Of a number that the log holds in single precision the decimals are others.
+            standing = [np.isclose(part, mark, rtol=1e-6, atol=0.0) for mark in marks]
+            for mark, there in zip(marks, standing, strict=True):
+                part[there] = np.nan
+                if not there.any():
+                    self.notes.append(
+                        f"{place.log.path}, column {place.address!r}: absent = {mark:.10g} stands "
+                        "nowhere in it"
+                    )
+            said = None if marks else mark_in(part)
+            if said is not None:
+                self.notes.append(f"{place.log.path}, column {place.address!r}: {said}")
         return parts[0] if angle is None else angle_of(place, angle, parts, self.notes)
 
     def _floats(self, place: Place, values: Values) -> Vector:

@@ -142,8 +142,8 @@ def mark_in(values: Vector) -> str | None:
         if apart > _FAR_FROM_OTHERS * np.ptp(others) > 0.0:
             span = f"{others.min():.4g} to {others.max():.4g}"
             return (
-                f"{count} of {len(there)} numbers are {mark:.6g}, and all others {span}; if that "
-                f"stands for no reading, say absent = [{mark:.6g}]"
+                f"{count} of {len(there)} numbers are {mark:.10g}, and all others {span}; if that "
+                f"stands for no reading, say absent = [{mark:.10g}]"
             )
     return None
 

@@ -135,14 +135,34 @@ def test_a_reading_between_a_system_s_samples_counts_at_the_next():
     assert np.array_equal(log.outputs[0][np.isfinite(log.outputs[0])], y[np.isfinite(y)])
 
 
-def test_a_sensor_that_hangs_is_refused_unless_another_log_has_it_moving():
+def test_a_sensor_that_hangs_is_no_log_to_search_in():
     rows = np.arange(400)
     hung = {"force_n": np.cos(rows), "position_m": np.where(rows % 3, 3.21, np.nan)}
     log = Recording("hung", rows / RATE, hung)
-    with pytest.raises(UnusableInput, match=r"hung: output .position_m. is always 3\.21 m; mend"):
-        logs_of(Mass(), [log])
+    with pytest.raises(
+        UnusableInput, match=r"no output moves in these logs \('position_m'\); mend"
+    ):
+        LogModel(Mass(), [log]).require_effects()
     moving = Recording("moving", rows / RATE, hung | {"position_m": np.sin(rows / 50.0)})
-    assert len(logs_of(Mass(), [log, moving])) == 2
+    LogModel(Mass(), [log, moving]).require_effects()
+
+
+def test_an_axis_that_rests_is_replayed_and_asked_for_what_makes_sense_there():
+    class Both(Mass):
+        states = {**Mass.states, "turn_rad": "rad"}
+        outputs = [*Mass.outputs, Output("turn_rad", "rad")]
+        ports = [*Mass.ports, Port.output("turn_rad")]
+
+        def derivative(self, state, inputs, c):
+            return {**super().derivative(state, inputs, c), "turn_rad": 0.0 * state.turn_rad}
+
+    recording = recorded(1, seconds=20.0)
+    columns = {**recording.columns, "turn_rad": np.zeros(len(recording.time_s))}
+    model = LogModel(Both(), [replace(recording, columns=columns)])
+    model.require_effects()
+    assert "coulomb-friction@speed_mps" in model.effects
+    assert np.isfinite(fit(model, (), range(model.episodes)).objective)
+    assert np.all(Both().simulate(replace(recording, columns=columns))["turn_rad"] == 0.0)
 
 
 def test_first_guesses_and_forecasts_are_without_far_strays():

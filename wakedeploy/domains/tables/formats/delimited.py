@@ -225,7 +225,8 @@ class DelimitedLog:
                 yield from self._parsed(self._from_header(self._text_lines(file)))
         except UnicodeError as error:
             seen = _seen_encoding(self.path)
-            other = seen if seen != self._form.encoding else "latin-1"
+            is_same = seen.removesuffix("-sig") == self._form.encoding.removesuffix("-sig")
+            other = "latin-1" if is_same else seen
             raise UnusableInput(
                 f"{self.path}: is not text in {self._form.encoding} ({one_line(error)}); write "
                 f'[csv] encoding = "{other}" in columns.toml.'
@@ -373,8 +374,11 @@ class _Growing:
 def _seen_encoding(path: Path) -> Encoding:
     """How a text is encoded, as far as its begin shows: Unicode, or else as Windows writes it."""
     opened = gzip.open if path.suffix.lower() == ".gz" else open
-    with opened(path, "rb") as file:
-        begin: bytes = file.read(_LOOKED_AT_BYTES)
+    try:
+        with opened(path, "rb") as file:
+            begin: bytes = file.read(_LOOKED_AT_BYTES)
+    except (OSError, EOFError, zlib.error):  # who reads it says so
+        return "latin-1"
     if begin.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     try:

@@ -38,7 +38,7 @@ class OwnFolder(Folder):
     With `only`, `add` adds that effect in the place of a class.
     """
 
-    later = (*Folder.later, CORRECTION, PLAN)
+    later = (*Folder.later, CORRECTION, PLAN, "power.json")
 
     def __init__(
         self, model: LogModel, out: Path, progress: Progress = quiet, only: str | None = None
@@ -94,6 +94,7 @@ class OwnFolder(Folder):
         sure = tuple(n for n in found.hypothesis if n not in answer.rivals)
         if answer.verdict != "unknown" or sure == found.hypothesis:
             return found
+        self.progress("fitting what is sure")
         near = theta_from(model, sure, found)
         return settled(model, fit(model, sure, found.episodes, near))[0]
 
@@ -137,6 +138,7 @@ def _with_effects_of(model: LogModel, answer: Answer, fitted: Fit) -> Answer:
 def beside_answer(model: LogModel, base: Fit, out: Path) -> tuple[LogModel, Fit]:
     """A folder's answer about the same system and logs, as a fit; without one the base."""
     folder = OwnFolder(model, out)
+    folder.require_own()
     known = read(out / "name.json", Answer, folder.key)
     if known is None or not known.effects:
         return model, base

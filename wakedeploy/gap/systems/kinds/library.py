@@ -116,8 +116,17 @@ def offered(
                 name = f"{kind.name}{suffix}@{port.name}"
                 if port.role == "custom":
                     name = port.name
-                found[name] = Effect(name, kind, port, _beside(scales, system, sizes, other), other)
+                effect = Effect(name, kind, port, _beside(scales, system, sizes, other), other)
+                if _is_sized(effect):
+                    found[name] = effect
     return found
+
+
+def _is_sized(effect: Effect) -> bool:
+    """Whether its parameters have usual sizes; not where a size over something at rest is asked."""
+    sizes = effect.scales.sizes
+    powers = [each for p in effect.kind.parameters for each in p.of.items()]
+    return all(sizes[k] != 0.0 for k, power in powers if power < 0)
 
 
 def _kinds(system: System, port: Port, sizes: Mapping[str, float]) -> tuple[Kind, ...]:

@@ -73,23 +73,12 @@ class Pieces:
 def logs_of(system: System, recordings: Sequence[Recording]) -> list[Log]:
     """Recordings brought to the system's rate: inputs as means, outputs as samples.
 
-    Raises UnusableInput for a missing column, a rate that is no multiple of the system's, an input
-    with many gaps, or an output that never changes.
+    Raises UnusableInput for a missing column, a rate that is no multiple of the system's, or an
+    input with many gaps.
     """
     if not recordings:
         raise UnusableInput("no recordings; give at least one.")
-    logs = [_log(system, r) for r in recordings]
-    for output, *rows in zip(system.outputs, *(log.outputs for log in logs), strict=True):
-        values = np.concatenate(rows)
-        values = values[np.isfinite(values)]
-        if np.ptp(values) == 0.0:
-            where = recordings[0].name if len(logs) == 1 else f"all {len(logs)} logs"
-            shown = f"{values[0]:.4g}" + f" {output.unit}" * (output.unit not in ("", "1"))
-            raise UnusableInput(
-                f"{where}: output {output.name!r} is always {shown}; mend the log whose sensor "
-                "hangs, name another column, or leave out the output."
-            )
-    return logs
+    return [_log(system, r) for r in recordings]
 
 
 def _log(system: System, recording: Recording) -> Log:

@@ -97,6 +97,12 @@ class LogModel(ComparisonDefaults):
 
     def require_effects(self) -> None:
         """UnusableInput if no effect can be asked for: "nothing is missing" would be no answer."""
+        if all(np.ptp(row[np.isfinite(row)]) == 0.0 for row in self._readings()):
+            which = " and ".join(repr(o.name) for o in self.system.outputs)
+            raise UnusableInput(
+                f"{self.name}: no output moves in these logs ({which}); mend them if a sensor "
+                "hangs, name other columns, or record a log that moves."
+            )
         if self.library:
             return
         if self.system.ports:
@@ -108,6 +114,10 @@ class LogModel(ComparisonDefaults):
             f"{self.name} states no ports, so that there is no effect to ask for; state where one "
             "may act: ports = [Port.input(…), Port.force(…), Port.output(…)]."
         )
+
+    def _readings(self) -> FloatArray:
+        """Every output (m, N) along all logs."""
+        return np.concatenate([log.outputs for log in self.logs], axis=1)
 
     @property
     def episodes(self) -> int:

@@ -48,7 +48,7 @@ class EffectPower:
 class Power:
     """The whole answer: gains have to exceed `threshold_nats`.
 
-    `missing` is the effect that these very logs show already, with what it would gain at least
+    `missing` is the effect that these very logs show already, with what it would gain, roughly
     [nats]; the noise is then that of a model without it, and all sizes come out too large.
     """
 
@@ -112,6 +112,8 @@ def _gained(rows: FloatArray, rest: FloatArray) -> float:
 
 def chance(curves: Mapping[str, FloatArray]) -> float:
     """The best gain of any effect that noise alone exceeds in one of twenty logs [nats]."""
+    if not curves:
+        return RULES.least_nats
     directions = np.array([c[0] for rows in curves.values() for c in rows])
     size = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = directions[size[:, 0] > _TINY] / size[size[:, 0] > _TINY]
@@ -132,8 +134,9 @@ def _of(
     """One effect, at the first of its starts."""
     free = responses.model.effects[name]
     first = responses.usual(name)[:1]
-    sizes = np.abs(responses.scaled(name, first, GRID)[0, :, 0])
     rows = curves[name][0]
+    reached = 1 + int(np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)).max(initial=-1))
+    sizes = np.abs(responses.scaled(name, first, GRID)[0, :, 0])
     rivals = [n for n in curves if n != name]
     losses = np.array([[lost_nats(row, curves[n]) for n in rivals] for row in rows])
     gains = 0.5 * (rows**2).sum(1)
@@ -144,7 +147,7 @@ def _of(
     rival = rivals[int(losses[min(at, len(rows) - 1)].argmin())] if rivals else ""
     matters = sizes[0] * _mattering(responses, name, first)
     parameter = free[0].name.removeprefix(f"{name}.")
-    unit, largest = free[0].unit, float(sizes[-1])
+    unit, largest = free[0].unit, float(sizes[reached])  # beyond, the system leaves its model
     return EffectPower(name, parameter, unit, detected, named, rival, matters, largest)
 
 
