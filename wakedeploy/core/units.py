@@ -246,7 +246,7 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
     "mps": "m/s", "mps2": "m/s²", "radps": "rad/s", "radps2": "rad/s²", "mm": "mm", "mv": "mV",
     "ma": "mA", "us": "us", "ms": "ms", "um": "um", "pct": "%", "percent": "%",
 }  # fmt: skip
-_ENDS_ABOVE = _ENDS | {"a": "A", "j": "J", "k": "K"}
+_ENDS_ABOVE = _ENDS | {"a": "A", "j": "J"}
 _ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s"}  # alone, `arm_a` is no current
 
 _ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt` is a constant
@@ -314,6 +314,8 @@ def conversion(given: str, wanted: str) -> Fraction:
     """
     if given == wanted and (is_known(given) or given in SHOWN_ALONE):
         return Fraction(1)
+    if wanted in SHOWN_ALONE and _read(given) is not None:
+        raise ValueError(f'{given!r} has no factor to {wanted}; give unit = "{wanted}", no offset')
     source, target = _read(given), _read(wanted)
     understood = _UNDERSTOOD.get(wanted, f"{wanted}, or the same with other prefixes")
     if source is None or target is None:

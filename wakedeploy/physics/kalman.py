@@ -74,7 +74,8 @@ def corrected(
             inlier = math.log(1.0 - outliers) - 0.5 * z2
             both, weight = inlier, 1.0
             if outliers > 0.0:
-                # Of Cauchy's tails: however far off, a stray says nothing of the others' noise.
+                # Of Cauchy's tails: however far off, a stray pulls the others' noise by half a nat
+                # at most. Gradients leave that out.
                 outlier = math.log(_CAUCHY * outliers / spread) - math.log1p(z2 / (spread * spread))
                 top = max(inlier, outlier)
                 both = top + math.log(math.exp(inlier - top) + math.exp(outlier - top))

@@ -200,6 +200,10 @@ def test_times_of_day_go_on_behind_midnight(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", list(stamps), list(range(15)))
     text = BASE + 'format = "%H:%M:%S.%f"\n' + U
     assert np.ptp(one(path, text).time_s) == pytest.approx(1.4)
+    late = [*stamps[:4], "00:00:00.0", "23:59:59.9", *stamps[6:]]
+    path = write(tmp_path / "late.csv", list(late), list(range(len(late))))
+    in_order = text.replace("[columns", 'falling = "sort"\n[columns')
+    assert np.ptp(one(path, in_order).time_s) == pytest.approx(1.4)
     back = write(tmp_path / "back.csv", ["10:00:01.0", "10:00:02.0", "10:00:00.0"], [1, 2, 3])
     with pytest.raises(UnusableInput, match="falls by 2 s"):
         reading(back, text)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import SHOWN_ALONE, contradicted, si_unit
+from wakedeploy.core.units import SHOWN_ALONE, contradicted, same_unit, si_unit
 from wakedeploy.domains.tables.columns import Delimited
 from wakedeploy.domains.tables.guess_clock import (
     MOST_COLUMNS,
@@ -177,9 +177,11 @@ def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[st
         head += ["", "[split]", f"gap_s = {gap_s:g}  # ? longer silences are in this log"]
     if form != Delimited():
         stated = form.model_dump(exclude_defaults=True)
-        head += ["", "[csv]", *(f"{k} = {toml(v)}".replace("\t", r"\t") for k, v in stated.items())]
-        if form.decimal == ",":
-            head[-1] += "  # ? 1,5 is read as one and a half"
+        doubts = {"decimal": "  # ? 1,5 is read as one and a half"} if form.decimal == "," else {}
+        written = (
+            f"{k} = {toml(v)}".replace("\t", r"\t") + doubts.get(k, "") for k, v in stated.items()
+        )
+        head += ["", "[csv]", *written]
     taken: set[str] = set()
     entries = [line for file in files for line in _entries(file, timing, taken)]
     if not any(line.startswith("[columns.") for line in entries):
@@ -296,7 +298,8 @@ def _entry(
     yield from _place(file, base, field.name)
     yield 'role = "unused"'
     yield f"unit = {toml(unit)}{remark}"
-    if contradicted(name, si_unit(unit)) is not None:
+    named = contradicted(name, si_unit(unit))
+    if named is not None and same_unit(named, unit):
         yield f"to = {toml(unit)}  # as its name says"
     if len(there) < len(numbers):
         yield from _missing(file, field.name)

@@ -100,9 +100,19 @@ def as_numbers(values: Values, form: str | None, place: Place, refuse: Refuse) -
 
 
 def _past_midnight(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Times of day that go on behind midnight, where they fall by more than half a day."""
-    falls = np.diff(stamps_ns, prepend=stamps_ns[:1]) < -_DAY_NS // 2
-    return np.asarray(stamps_ns + _DAY_NS * np.cumsum(falls))
+    """Times of day that go on behind midnight, where they fall by more than half a day.
+
+    A row that comes too late belongs to the day before, where they rise by as much again.
+    """
+    steps = np.diff(stamps_ns, prepend=stamps_ns[:1])
+    days, passed = np.zeros(len(steps), np.int64), 0
+    for at in np.flatnonzero(np.abs(steps) > _DAY_NS // 2):
+        if steps[at] < 0:
+            passed += 1
+        elif passed:
+            passed -= 1
+        days[at:] = passed
+    return np.asarray(stamps_ns + _DAY_NS * days)
 
 
 def _ns_of(text: str, form: str, index: int, place: Place, refuse: Refuse) -> int:

@@ -41,7 +41,7 @@ def parameters(
                     mean_high=high,
                     least_squares=unweighted.value(free.name),
                 )
-            result[free.name] = _later(size, model.clock_s(fitted, free.name))
+            result[free.name] = _later(size, model.clock_s(fitted, free.name), free.high)
     return result
 
 
@@ -69,13 +69,14 @@ def over_rounds(name: str, size: Size, rounds: Sequence[Round]) -> Size:
     return size.model_copy(update=ends)
 
 
-def _later(size: Size, by_s: float) -> Size:
-    """A delay and both its ends later by `by_s` [s], none below 0."""
+def _later(size: Size, by_s: float, most_s: float) -> Size:
+    """A delay and both its ends later by `by_s` [s], none below 0 and the delay within `most_s`."""
     if by_s == 0.0:
         return size
     names = ("value", "low", "high", "mean_low", "mean_high", "least_squares")
     known = {name: getattr(size, name) for name in names}
     moved = {name: max(v + by_s, 0.0) for name, v in known.items() if v is not None}
+    moved["value"] = min(moved["value"], max(most_s, size.value))
     return size.model_copy(update=moved)
 
 

@@ -6,6 +6,7 @@ point; UnusableInput with one sentence else. A constant that may be on either si
 
 import functools
 import math
+import numbers
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeVar
@@ -139,7 +140,8 @@ def _check_numbers(system: System, stated: Input | Output | Constant) -> None:
         kind = str(each.type)
         if each.name == "delay_s" or "float" not in kind or (value is None and "None" in kind):
             continue  # a delay has a sentence of its own
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        value = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
+        if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise UnusableInput(
                 f"{system.name}: {each.name} of {type(stated).__name__}({stated.name!r}) is "
                 f"{value!r:.60}; give a number."

@@ -115,8 +115,8 @@ def column_notes(model: LogModel) -> list[str]:
         notes += _notes(f"output {shown.name}", values)
         if model.strays[shown.name]:
             notes.append(
-                f"output {shown.name}: {counted(model.strays[shown.name], 'reading')} far from all "
-                "around left out, as `outlier_share` allows."
+                f"output {shown.name}: {counted(model.strays[shown.name], 'reading')} that stood "
+                "alone, far from the others, left out, as `outlier_share` allows."
             )
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:

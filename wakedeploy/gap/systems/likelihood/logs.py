@@ -60,7 +60,7 @@ class LogModel(ComparisonDefaults):
         self.system, self.name = system, system.name
         share = system.outlier_share if outliers is None else outliers
         read = logs_of(system, recordings)
-        self.logs = [without_strays(log) for log in read] if share else read
+        self.logs = [without_strays(log, share) for log in read] if share else read
         left_out = sum(
             (np.isnan(kept.outputs) & np.isfinite(log.outputs)).sum(axis=1)
             for kept, log in zip(self.logs, read, strict=True)

@@ -1,33 +1,54 @@
-"""Readings that are far from all around them: a tracker that jumps, a range that misses.
+"""Readings that stand alone, far from those around them: a tracker that jumps, a range that misses.
 
 In: a log of a system that states an `outlier_share`. Out: the log with them unmeasured. First
-guesses of states and forecasts are then of what was measured; strays that are not so far off are
-left to the likelihood, which weighs each reading.
+guesses of states and forecasts are then of what was measured; all others are left to the
+likelihood, which weighs each reading.
 """
 
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import median_filter
+import numpy.typing as npt
 
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.blocks import Log
 
-_NEIGHBOURS = 9  # readings; a jump that stays for more than half of them is none of one reading
-_FAR = 30.0  # usual distances from the neighbours' median
-_USUAL = 0.9  # quantile of the distances
+BoolArray = npt.NDArray[np.bool_]
+
+_BESIDE = 4  # readings on either side that say how much they change from one to the next
+_FAR = 10.0  # times the larger of those changes and of what is usual in the log
 
 
-def without_strays(log: Log) -> Log:
-    """The log, readings unmeasured (NaN) that are far from the median of those around them."""
-    return replace(log, outputs=np.array([_without(row) for row in log.outputs]))
+def without_strays(log: Log, share: float) -> Log:
+    """The log, up to a share of an output's readings unmeasured (NaN): those that stand alone."""
+    return replace(log, outputs=np.array([_without(row, share) for row in log.outputs]))
 
 
-def _without(row: FloatArray) -> FloatArray:
-    measured = np.flatnonzero(np.isfinite(row))
-    off = np.abs(row[measured] - median_filter(row[measured], _NEIGHBOURS, mode="nearest"))
-    usual = np.quantile(off, _USUAL)
-    kept = row.copy()
-    if usual > 0.0:
-        kept[measured[off > _FAR * usual]] = np.nan
+def _without(row: FloatArray, share: float) -> FloatArray:
+    kept, most = row.copy(), int(np.ceil(share * np.isfinite(row).sum()))
+    while most > 0:
+        # Without those that were found, others near them stand alone.
+        measured = np.flatnonzero(np.isfinite(kept))
+        off, is_alone = _alone(kept[measured])
+        far = np.flatnonzero(is_alone)
+        if not len(far):
+            break
+        found = measured[far[np.argsort(-off[far])][:most]]
+        kept[found], most = np.nan, most - len(found)
     return kept
+
+
+def _alone(values: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """How far readings are from the mean of both their neighbours, and whether they stand alone."""
+    if len(values) <= 2 * _BESIDE:
+        return np.zeros(len(values)), np.zeros(len(values), bool)
+    padded = np.pad(values, _BESIDE, mode="reflect")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
+    others = np.delete(around, _BESIDE, axis=1)
+    off = np.abs(values - 0.5 * (others[:, _BESIDE - 1] + others[:, _BESIDE]))
+    # Two of the changes around may be those to another stray and back.
+    changes = np.sort(np.abs(np.diff(others, axis=1)), axis=1)[:, -3]
+    usual = np.maximum(changes, np.median(off))
+    sides = np.pad(off, 1)
+    is_peak = (off >= sides[:-2]) & (off >= sides[2:])  # its neighbours are far from it, too
+    return off, is_peak & (off > _FAR * usual) & (usual > 0.0)

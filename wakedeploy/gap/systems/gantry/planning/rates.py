@@ -110,7 +110,7 @@ def smallest_sizes(draws: Draws, name: str, threshold_nats: float) -> tuple[floa
 
 
 def flights_needed(evidence: Evidence, name: str, threshold_nats: float) -> float:
-    """The flights that surely name the effect at its evaluated size; infinite if none do."""
+    """How many flights surely name the effect at its evaluated size; infinite if none do."""
     named = [
         Draws.of(evidence, n / len(evidence.gram), DRAWS // 2, fitted_share(n))
         .outcomes(name, np.ones(1), threshold_nats)
