@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from benchmarks.real_systems.answering import recordings_of, system_of
+from benchmarks.real_systems.cases import CASES
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.search.first_look import Ground, looks
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.search.results import before_after
+from wakedeploy.gap.search.scan import ranked
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
@@ -34,6 +38,20 @@ def test_the_positioning_system_lacks_coulomb_and_viscous_friction(recordings):
     viscous = told.found.value("viscous-friction@speed_mps.coefficient")
     assert viscous == pytest.approx(203.5, rel=0.15)
     assert before_after(model, told.base, told.found).removed.low > 0.9
+
+
+@pytest.mark.slow
+def test_a_backlash_is_found_where_bent_constants_let_no_size_promise_anything(recordings):
+    """The servo's damping has bent to it: "nothing is missing" was said beside 217 nats."""
+    recordings("so101")
+    (case,) = (c for c in CASES if c.name == "SO-101, wrist pitch")
+    model = LogModel(system_of(case, "out"), recordings_of(case, "out"))
+    base = fitted_base(model)
+    seen = {look.name: look for look in looks(model, Ground.of(base), list(model.effects))}
+    assert seen["backlash@command_rad"].prospect(base) < 5.0
+    ranking, chance = ranked(model, base, list(model.effects))
+    assert ranking[0].name == "backlash@command_rad"
+    assert ranking[0].gain_nats > 3.0 * chance.nats
 
 
 @pytest.mark.slow

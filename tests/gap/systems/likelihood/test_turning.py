@@ -146,7 +146,7 @@ def test_a_discrete_system_has_no_within():
 )
 def test_a_motion_goes_smoothly_with_a_parameter(model, effect, parameters, most):
     """A likelihood that jumps keeps a climb where it is, far below the top; by 168 and 36 once."""
-    sizes = parameters["length"] * (1.0 + 0.0002 * np.arange(100))
+    sizes = parameters["length"] * (1.0 + 0.0002 * np.arange(40))
     acting = model.acting((effect,))
     sets = (values_of(model, effect, parameters | {"length": size}) for size in sizes)
     shown = np.array([model.filter.free_run(acting, values)[1][0] for values in sets])
