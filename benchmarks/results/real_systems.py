@@ -78,13 +78,13 @@ def _repeated(rows: Sequence[Row]) -> str:
 
 
 def _of_earlier(rows: Sequence[Row]) -> str:
-    """How many answers are of an earlier record, and of which commit."""
-    said = ""
-    for part, of in (("in", "with the effect built in"), ("first", "about halves")):
+    """How many answers are of another commit than the record, and of which."""
+    said, parts = "", {"out": "with the effect left out", "in": "with it built in"}
+    for part, of in {**parts, "first": "about halves"}.items():
         commits = [row["answers"].get(part, {}).get("commit") for row in rows]
         for commit in sorted({c for c in commits if c}):
             said += f" Of the answers {of}, {commits.count(commit)} are of `{commit}`."
-    return f"\n\nSome were not asked again.{said}" * bool(said)
+    return f"\n\nSome were asked at other commits.{said}" * bool(said)
 
 
 def _line(row: Row) -> list[str]:
