@@ -79,12 +79,14 @@ def _repeated(rows: Sequence[Row]) -> str:
 
 def _of_earlier(rows: Sequence[Row]) -> str:
     """How many answers are of another commit than the record, and of which."""
-    said, parts = "", {"out": "with the effect left out", "in": "with it built in"}
-    for part, of in {**parts, "first": "about halves"}.items():
+    lines = []
+    parts = {"out": "left out", "in": "built in", "first": "left out, a half of the log"}
+    for part, of in parts.items():
         commits = [row["answers"].get(part, {}).get("commit") for row in rows]
-        for commit in sorted({c for c in commits if c}):
-            said += f" Of the answers {of}, {commits.count(commit)} are of `{commit}`."
-    return f"\n\nSome were asked at other commits.{said}" * bool(said)
+        lines += [[of, f"`{c}`", str(commits.count(c))] for c in sorted({c for c in commits if c})]
+    if not lines:
+        return ""
+    return "\n\nAnswers of other commits:\n\n" + table(["effect", "commit", "answers"], lines)
 
 
 def _line(row: Row) -> list[str]:

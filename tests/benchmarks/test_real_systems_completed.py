@@ -21,7 +21,7 @@ def test_parts_that_were_not_asked_again_are_of_the_earlier_commit():
     assert {p: row["answers"][p].get("commit") for p in ("in", "first", "second")} == {
         "in": "a", "first": "a", "second": "a"
     }  # fmt: skip
-    assert "built in, 1 are of `a`" in _of_earlier([row])
+    assert "| built in | `a` | 1 |" in _of_earlier([row])
 
 
 def test_a_record_that_has_all_parts_stays_as_it_is():
