@@ -10,7 +10,16 @@ from scipy.stats import multivariate_normal, norm
 from wakedeploy.physics.jet import VerticalJet, paces, puff_shapes
 from wakedeploy.physics.motor import Motor
 from wakedeploy.physics.rail import GRAVITY_MPS2, RailBody
-from wakedeploy.physics.series import filtered, jet_along, rail_friction, smoothed, spooled_thrust
+from wakedeploy.physics.series import (
+    filtered,
+    jet_along,
+    mean_in_steps,
+    puff_weights,
+    rail_friction,
+    sliding_and_resting,
+    smoothed,
+    spooled_thrust,
+)
 from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
@@ -254,6 +263,20 @@ def test_a_rotor_without_lag_follows_at_once() -> None:
     assert spooled_thrust(target, 0.0, 0.0, DT_S) == pytest.approx(target**2, rel=1e-12)
 
 
+def test_a_mean_in_steps_is_that_of_what_was_held() -> None:
+    """Against the integral of the held values, interpolated between the edges."""
+    rng = np.random.default_rng(3)
+    from_s = np.cumsum(np.append(0.11, rng.uniform(0.0, 0.05, 60)))
+    from_s[20] = from_s[19]  # a value that was replaced at once
+    values = rng.uniform(-1.0, 1.0, len(from_s))
+    edges_s = np.arange(0.0, 1.8, 0.0078125)
+    area = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(from_s))])
+    expected = np.diff(np.interp(edges_s, from_s, area)) / 0.0078125
+    expected[(edges_s[:-1] < from_s[0]) | (edges_s[1:] > from_s[-1])] = 7.0
+    assert mean_in_steps(edges_s, from_s, values, 7.0) == pytest.approx(expected, abs=1e-9)
+    assert (expected == 7.0).sum() > 10
+
+
 @pytest.mark.parametrize("exponent", [0.0, 0.3])
 def test_the_jet_along_a_path_is_the_plants_jet(exponent: float) -> None:
     rig = RIG.changed(wake={"speed_exponent": exponent})
@@ -264,14 +287,14 @@ def test_the_jet_along_a_path_is_the_plants_jet(exponent: float) -> None:
     z_m = 0.6 + 0.3 * np.sin(np.arange(count) / 17.0)
     root = np.sqrt(thrust / rig.wake.reference_thrust_n)
     ages_s = DT_S * (np.arange(count) + 0.5)
-    velocity, slope = jet_along(
-        root,
+    weights = puff_weights(
         x_m,
         z_m - rig.source.height_m,
         rig.wake.speed_mps * paces(root, exponent),
         ages_s,
         *puff_shapes(rig.wake, ages_s, DT_S),
     )
+    velocity, slope = jet_along(root, weights)
     jet = VerticalJet(rig.wake, rig.source.height_m, DT_S)
     expected, slopes = [], []
     for u, x, z in zip(thrust, x_m, z_m, strict=True):
@@ -333,12 +356,12 @@ def test_friction_is_odd_and_has_no_jumps() -> None:
 
 def friction(vz_mps: float, driving_n: float) -> float:
     rail = RIG.rail
+    vz = np.array([vz_mps])
     return rail_friction(
-        np.array([vz_mps]),
+        vz,
+        *sliding_and_resting(vz, 0.007, 0.006),
         np.array([driving_n]),
         rail.coulomb_n,
         rail.viscous_n_per_mps,
         rail.stiction_n,
-        0.007,
-        0.006,
     )[0]

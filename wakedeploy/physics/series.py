@@ -14,12 +14,13 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.physics import motor, rail
+from wakedeploy.physics import motor
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _LOST_M, _LOST_MPS = 0.05, 0.5
+_AT_REST = 1e-7  # a motion that rests less is not held at all
 _LOOSE = 2.0  # at 1.5 times what holds it, nothing of stiction is left
 
 
@@ -40,9 +41,8 @@ def compiled(function: Callable[..., Any], *, inline: bool = False) -> Any:
         return compiler()(function)
 
 
-_kept, _approached, _exact_mean_thrust, _sliding_n = (
-    compiled(law, inline=True)
-    for law in (motor.kept, motor.approached, motor.exact_mean_thrust, rail.sliding_n)
+_kept, _approached, _exact_mean_thrust = (
+    compiled(law, inline=True) for law in (motor.kept, motor.approached, motor.exact_mean_thrust)
 )
 
 
@@ -66,47 +66,48 @@ def spooled_thrust(target: FloatArray, up_s: float, down_s: float, dt_s: float) 
     return thrust
 
 
+def sliding_and_resting(
+    vz_mps: FloatArray, sliding_mps: float, resting_mps: float
+) -> tuple[FloatArray, FloatArray]:
+    """How far a motion (…) slides, from −1 to 1, and how far it rests, from 0 to 1, (…) each."""
+    return np.tanh(vz_mps / sliding_mps), np.exp(-((vz_mps / resting_mps) ** 2))
+
+
 @compiled
 def rail_friction(
     vz_mps: FloatArray,  # (N,)
+    sliding: FloatArray,  # (N,) of `sliding_and_resting`
+    resting: FloatArray,  # (N,) likewise
     driving_n: FloatArray,  # (N,) everything else that pushes, weight included
     coulomb_n: float,
     viscous_n_per_mps: float,
     stiction_n: float,
-    sliding_mps: float,
-    resting_mps: float,
 ) -> FloatArray:
     """Friction [N] against the motion (N,), without jumps in speed.
 
-    Coulomb's force grows within `sliding_mps`; below `resting_mps` the rail holds against the
-    driving force, up to stiction. Up to there it holds all of it: a smooth limit, which begins to
-    give way before, makes a stronger stiction out of every Coulomb friction. A stronger force
-    breaks loose: Coulomb's remains, and where the force is so strong that the speed only passes
-    through zero, nothing is held. Steps of either kind would make the likelihood jagged.
+    As far as a motion slides, Coulomb's force resists it; as far as it rests, the rail holds
+    against the driving force, up to stiction. Up to there it holds all of it: a smooth limit, which
+    begins to give way before, makes a stronger stiction out of every Coulomb friction. A stronger
+    force breaks loose: Coulomb's remains, and where the force is so strong that the speed only
+    passes through zero, nothing is held. Steps of either kind would make the likelihood jagged.
     """
     result = np.empty_like(vz_mps)
     most_n = max(stiction_n, coulomb_n, 1e-6)
     for k in range(len(vz_mps)):
-        v = vz_mps[k]
-        if abs(v) > 8.0 * sliding_mps:
-            sliding = math.copysign(coulomb_n, v) + viscous_n_per_mps * v
-        else:
-            sliding = _sliding_n(coulomb_n, viscous_n_per_mps, v, sliding_mps)
-        result[k] = sliding
-        if abs(v) < 4.0 * resting_mps:
-            resting = math.exp(-(v / resting_mps) * (v / resting_mps))
-            holding, beyond = driving_n[k], abs(driving_n[k]) / most_n - 1.0
+        result[k] = coulomb_n * sliding[k] + viscous_n_per_mps * vz_mps[k]
+        rest = resting[k]
+        if rest > _AT_REST:
+            holding_n, beyond = driving_n[k], abs(driving_n[k]) / most_n - 1.0
             if beyond > 0.0:
                 left_n = coulomb_n + (most_n - coulomb_n) * max(0.0, 1.0 - _LOOSE * beyond)
-                holding = math.copysign(left_n, driving_n[k])
-                resting *= max(0.0, 1.0 - beyond)
-            result[k] += resting * (holding - sliding)
+                holding_n = math.copysign(left_n, driving_n[k])
+                rest *= max(0.0, 1.0 - beyond)
+            result[k] += rest * (holding_n - result[k])
     return result
 
 
 @compiled
-def jet_along(
-    root: FloatArray,  # (N,) √(u/u_reference), mean over each step
+def puff_weights(
     x_m: FloatArray,  # (N,) at the steps' ends
     above_m: FloatArray,  # (N,) height minus the source's
     speed_mps: FloatArray,  # (N,) at which each step's puff sinks
@@ -114,22 +115,64 @@ def jet_along(
     amplitude_mps: FloatArray,  # (M,) at the reference thrust, as `jet.puff_shapes` has it
     width2_m2: FloatArray,  # (M,)
 ) -> FloatArray:
-    """The jet's vertical velocity [m/s] along a path, and its slope over height [1/s], (2, N).
+    """What each puff adds to the jet's velocity along a path and to its slope, (2, N, M).
 
-    `jet.air_mps` for every step, with the slope; puffs that are six widths away are passed over.
+    Per `root` of `jet_along`; puffs that are six widths away add nothing.
     """
-    result = np.zeros((2, len(root)))
-    for k in range(len(root)):
-        velocity, slope = 0.0, 0.0
+    weights = np.zeros((2, len(x_m), len(ages_s)))
+    for k in range(len(x_m)):
         for j in range(min(k + 1, len(ages_s))):
             below = above_m[k] + speed_mps[k - j] * ages_s[j]
             exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2_m2[j]
             if exponent > -18.0:
-                part = amplitude_mps[j] * root[k - j] * math.exp(exponent)
-                velocity -= part
-                slope += part * below / width2_m2[j]
+                part = amplitude_mps[j] * math.exp(exponent)
+                weights[0, k, j] = -part
+                weights[1, k, j] = part * below / width2_m2[j]
+    return weights
+
+
+@compiled
+def jet_along(
+    root: FloatArray,  # (N,) √(u/u_reference), mean over each step
+    weights: FloatArray,  # (2, N, M) of `puff_weights`
+) -> FloatArray:
+    """The jet's vertical velocity [m/s] along a path, and its slope over height [1/s], (2, N).
+
+    `jet.air_mps` for every step, with the slope.
+    """
+    result = np.zeros((2, len(root)))
+    for k in range(len(root)):
+        velocity, slope = 0.0, 0.0
+        for j in range(min(k + 1, weights.shape[2])):
+            velocity += weights[0, k, j] * root[k - j]
+            slope += weights[1, k, j] * root[k - j]
         result[0, k], result[1, k] = velocity, slope
     return result
+
+
+@compiled
+def mean_in_steps(
+    edges_s: FloatArray,  # (N + 1,) between the steps
+    from_s: FloatArray,  # (n,) when each value begins, rising; the last one ends there
+    values: FloatArray,  # (n,)
+    outside: float,
+) -> FloatArray:
+    """The mean in each step (N,) of what holds a value until the next; `outside` where unknown."""
+    means = np.full(len(edges_s) - 1, outside)
+    first = 0
+    for k in range(len(means)):
+        begin, end = edges_s[k], edges_s[k + 1]
+        if begin < from_s[0] or end > from_s[-1]:
+            continue
+        while from_s[first + 1] <= begin:
+            first += 1
+        total, at, i = 0.0, begin, first
+        while from_s[i + 1] < end:
+            total += values[i] * (from_s[i + 1] - at)
+            at = from_s[i + 1]
+            i += 1
+        means[k] = (total + values[i] * (end - at)) / (end - begin)
+    return means
 
 
 @compiled

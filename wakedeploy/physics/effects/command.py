@@ -82,9 +82,11 @@ class PwmDeadBand(Effect):
     ) -> npt.NDArray[np.float64]:
         """The same, without a call for each frame."""
         band_us, applied_us, taken = p["band_us"], idle_us, []
+        low_us, high_us = applied_us - band_us, applied_us + band_us
         for pulse_us in pulses_us.tolist():
-            if abs(pulse_us - applied_us) >= band_us:
+            if not low_us < pulse_us < high_us:
                 applied_us = pulse_us
+                low_us, high_us = applied_us - band_us, applied_us + band_us
             taken.append(applied_us)
         return np.array(taken)
 

@@ -48,10 +48,10 @@ _LEAST_FRICTION_N = 0.01
 _EVEN = tuple(f"{PREFIX}wake.even{i}" for i in range(len(_EVEN_AT)))
 _ODD = tuple(f"{PREFIX}wake.odd{i}" for i in range(len(_ODD_AT)))
 _HEIGHT = (f"{PREFIX}wake.height1", f"{PREFIX}wake.height2")
-_WAKE = (*_EVEN, *_ODD, *_HEIGHT)
+WAKE_TERMS = (*_EVEN, *_ODD, *_HEIGHT)
 _SPEED = tuple(f"{PREFIX}friction.speed{i}" for i in range(len(_BEND_MPS)))
 _ALONG = (f"{PREFIX}friction.along",)
-_FRICTION = (*_SPEED, *_ALONG)
+FRICTION_TERMS = (*_SPEED, *_ALONG)
 
 
 def free_terms(rig: Rig) -> tuple[Free, ...]:
@@ -64,7 +64,7 @@ def free_terms(rig: Rig) -> tuple[Free, ...]:
     bump = 0.5 * wake / _OVERLAP**0.5
     sizes = dict.fromkeys(_EVEN, bump) | dict.fromkeys(_ODD, _ODD_SHARE * bump)
     sizes |= dict.fromkeys(_HEIGHT, _HEIGHT_SHARE * wake)
-    sizes |= dict.fromkeys(_FRICTION, friction)
+    sizes |= dict.fromkeys(FRICTION_TERMS, friction)
     known = {f"{PREFIX}{name}": pair for name, pair in rig.discrepancy.fitted.items()}
     terms = {name: known.get(name, (0.0, sd)) for name, sd in sizes.items() if sd > 0.0}
     return tuple(_free(name, *pair) for name, pair in terms.items())
@@ -77,7 +77,7 @@ def _free(name: str, size: float, sd: float) -> Free:
 
 def wake_factor(constants: Mapping[str, float], basis: FloatArray) -> FloatArray:
     """The factor (N,) on the air's speed, from a `wake_basis` (K, N)."""
-    sizes = [constants.get(name, 0.0) for name in _WAKE]
+    sizes = [constants.get(name, 0.0) for name in WAKE_TERMS]
     return np.asarray(1.0 + np.array(sizes) @ basis)
 
 
@@ -89,23 +89,21 @@ def wake_basis(places: FloatArray, heights: FloatArray) -> FloatArray:
     has next to nothing, may have something.
     """
     at = np.clip(places, -_FARTHEST, _FARTHEST)
-    to_axis = np.exp(0.5 * at**2)
-    rows = [to_axis * _even(at, centre) for centre in _EVEN_AT]
-    rows += [to_axis * _odd(at, centre) for centre in _ODD_AT]
-    return np.array([*rows, heights, heights**2 - 1.0 / 3.0])
+    centres = sorted({*_EVEN_AT, *_ODD_AT})
+    bumps = {c: _bump_to_axis(at, c) for c in (*centres, *(-c for c in centres if c))}
+    even = [bumps[c] + bumps[-c] if c else bumps[c] for c in _EVEN_AT]
+    # One flank up, the other down, without the part that shifts the jet's axis.
+    odd = [bumps[c] - bumps[-c] - _shift_in(c) * at for c in _ODD_AT]
+    return np.array([*even, *odd, heights, heights**2 - 1.0 / 3.0])
+
+
+def _bump_to_axis(at: FloatArray, centre: float) -> FloatArray:
+    """A bump of the air's speed, over the model's speed at each place and its speed on the axis."""
+    return np.asarray(np.exp(0.5 * (at**2 - ((at - centre) / _BUMP) ** 2)))
 
 
 def _bump(at: FloatArray, centre: float) -> FloatArray:
     return np.asarray(np.exp(-0.5 * ((at - centre) / _BUMP) ** 2))
-
-
-def _even(at: FloatArray, centre: float) -> FloatArray:
-    return _bump(at, centre) + (_bump(at, -centre) if centre else 0.0)
-
-
-def _odd(at: FloatArray, centre: float) -> FloatArray:
-    """One flank up, the other down, without the part that shifts the jet's axis."""
-    return _bump(at, centre) - _bump(at, -centre) - _shift_in(centre) * at * np.exp(-0.5 * at**2)
 
 
 @functools.cache
@@ -124,16 +122,19 @@ def _shift_in(centre: float) -> float:
 
 
 def friction_n(rig: Rig, constants: Mapping[str, float], basis: FloatArray) -> FloatArray:
-    """Friction [N] against the motion beyond the model's curve (N,), of a `friction_basis` (K, N).
+    """Friction [N] against the motion beyond the model's curve (…), of a `friction_basis` (K, …).
 
     Sizes are shares of the rig file's Coulomb friction.
     """
-    sizes = [constants.get(name, 0.0) for name in _FRICTION]
-    return np.asarray(max(rig.rail.coulomb_n, _LEAST_FRICTION_N) * (np.array(sizes) @ basis))
+    sizes = np.array([constants.get(name, 0.0) for name in FRICTION_TERMS])
+    return np.asarray(
+        max(rig.rail.coulomb_n, _LEAST_FRICTION_N)
+        * (sizes @ basis.reshape(len(sizes), -1)).reshape(basis.shape[1:])
+    )
 
 
 def friction_basis(vz_mps: FloatArray, heights: FloatArray) -> FloatArray:
-    """Bends at two speeds and a growth along the rail, at these speeds and heights, (K, N)."""
+    """Bends at two speeds and a growth along the rail, at these speeds and heights (…), (K, …)."""
     bends = [vz_mps / at * np.exp(0.5 - 0.5 * (vz_mps / at) ** 2) for at in _BEND_MPS]
     return np.array([*bends, heights * np.tanh(vz_mps / _CORNER_MPS)])
 

@@ -9,12 +9,14 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.systems.gantry.discrepancy import (
+    FRICTION_TERMS,
+    WAKE_TERMS,
     friction_basis,
     friction_n,
     heights_of,
@@ -26,18 +28,27 @@ from wakedeploy.gap.systems.gantry.flight import DT_S, Flight, FloatArray, Line
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, held
 from wakedeploy.gap.systems.gantry.servo_frames import period_s
 from wakedeploy.physics.constants import Constants, moved_thrust
-from wakedeploy.physics.effects import Motion, Setting
+from wakedeploy.physics.effects import Motion
 from wakedeploy.physics.effects.acting import blow, motion_along, push
 from wakedeploy.physics.effects.chain import Chain, Parts, setting_of
 from wakedeploy.physics.jet import Floats, drag_force, paces, puff_count, puff_shapes
 from wakedeploy.physics.range_sensor import seen_m
-from wakedeploy.physics.series import jet_along, rail_friction, spooled_thrust
+from wakedeploy.physics.series import (
+    jet_along,
+    mean_in_steps,
+    puff_weights,
+    rail_friction,
+    sliding_and_resting,
+    spooled_thrust,
+)
 
 Result = TypeVar("Result")
 
 _JET_DT_S = 2.0 * DT_S  # puffs at 64 Hz still overlap by more than their width
 _DZ_M = 0.005  # step of slopes by height; smaller than anything that varies with height
 _DV_MPS = 0.01  # step of slopes by speed
+# The motions at which forces are asked, as height [m] and speed [m/s] beside the nominal one.
+_NEARBY = np.array([[0.0, 0.0], [_DZ_M, 0.0], [0.0, _DV_MPS], [0.0, -_DV_MPS]])
 _SLIDING_MPS = 0.003  # error of a smoothed speed about zero; more bends a steep friction
 _RESTING_MPS = 0.006  # at a lower smoothed speed the sufferer stands as often as not
 _PASSED_S = 3.0  # a puff is gone by then, however slow the wake
@@ -78,7 +89,12 @@ class Physics:
         self._flown = slice(first, last)
         self._air = slice(max(first - round(_PASSED_S / DT_S), 0) // 2 * 2, last)
         self._kept: dict[str, OrderedDict[Hashable, object]] = {}
-        self._bends: dict[tuple[float, float], FloatArray] = {}
+        z_m, vz_mps = (values[self._flown] for values in flight.nominal)
+        self._z_m = z_m + _NEARBY[:, :1]  # (4, n)
+        self._vz_mps = vz_mps + _NEARBY[:, 1:]  # (4, n)
+        near_rest = sliding_and_resting(self._vz_mps, _SLIDING_MPS, _RESTING_MPS)
+        self._near_rest = tuple(values.ravel() for values in near_rest)
+        self._bends = friction_basis(self._vz_mps, heights_of(rig.sufferer.travel_m, self._z_m))
         self._still = motion_along(
             flight.grid_s, flight.take_off_s, flight.x_m, flight.vx_mps, DT_S
         )
@@ -168,17 +184,13 @@ class Physics:
         key = (window_s, delay_s, longer_s, id(frame_s))
         pulse, _ = self._remembered(f"asked.{motor}", key, asked)
         pulse = effects.pulses_us(pulse, motor, self._rig.limits.pulse_us[0])
-        area = np.concatenate([[0.0], np.cumsum(pulse[:-1] * np.diff(frame_s))])
-        at_edges = np.interp(self._edges, frame_s, area)
-        mean = np.diff(at_edges) / DT_S
-        outside = (self._edges[1:] > frame_s[-1]) | (self._edges[:-1] < frame_s[0])
-        mean[outside] = self._rig.limits.pulse_us[0]
-        return np.asarray(mean)
+        idle_us = self._rig.limits.pulse_us[0]
+        return np.asarray(mean_in_steps(self._edges, frame_s, pulse, idle_us))
 
     def _wake(
         self, constants: Constants, effects: Chain, source_n: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Vertical air speed [m/s] at the nominal height and its slope [1/s], (N,) each."""
+        """While flown: the air's speed [m/s] at the nominal height, and its slope [1/s], (n,)."""
         # The air's speed is linear in the strength, which therefore needs no new sum over puffs.
         moving = _key(effects.acting("wake_offset_m"))
         carriage_m = self._carriage_m(effects)
@@ -189,7 +201,9 @@ class Physics:
             lateral_m = carriage_m
             if moving:
                 motion = _with(self._still, source_n=source_n)
-                lateral_m = carriage_m - effects.wake_offset_m(motion, self._setting)
+                moved_m = carriage_m - effects.wake_offset_m(motion, self._setting)
+                # An offset that the source's thrust leaves alone is the same array for all thrusts.
+                lateral_m = self._remembered("lateral", moved_m.tobytes(), lambda: moved_m)
             return *self._jet(constants, source_n, lateral_m), lateral_m
 
         air, *_ = self._remembered("air", key, lambda: (compute(), source_n, carriage_m))
@@ -204,23 +218,26 @@ class Physics:
     ) -> tuple[FloatArray, FloatArray]:
         """The wake with the correction of the model's form."""
         names = ("wake.speed_mps", "wake.width_m", "wake.diffusivity_m2ps")
-        sizes = tuple(v for n, v in constants.items() if n.startswith("discrepancy.wake."))
+        sizes = tuple(constants.get(name, 0.0) for name in WAKE_TERMS)
         if not any(sizes):
             return wake
 
         def over() -> tuple[FloatArray, object]:
-            z_m = self._flight.nominal[0]
-            places = places_of(constants, self._rig.source.height_m, lateral_m, z_m)
+            z_m, x_m = self._flight.nominal[0, self._flown], lateral_m[self._flown]
+            places = places_of(constants, self._rig.source.height_m, x_m, z_m)
             return wake_basis(places, heights_of(self._rig.sufferer.travel_m, z_m)), lateral_m
 
         shape = (id(lateral_m), *(constants[n] for n in names))
         basis, _ = self._remembered("form", shape, over)
 
-        def compute() -> tuple[tuple[FloatArray, FloatArray], object, object]:
-            factor = wake_factor(constants, basis)
-            return (wake[0] * factor, wake[1] * factor), wake, basis
-
-        return self._remembered("formed", (id(wake), id(basis), sizes), compute)[0]
+        key = (id(basis), sizes)
+        factor, _ = self._remembered("factor", key, lambda: (wake_factor(constants, basis), basis))
+        formed, *_ = self._remembered(
+            "formed",
+            (id(wake), id(factor)),
+            lambda: ((wake[0] * factor, wake[1] * factor), wake, factor),
+        )
+        return formed
 
     def _carriage_m(self, effects: Chain) -> FloatArray:
         """The carriage's true place [m] when its steps say `x_m`."""
@@ -236,19 +253,33 @@ class Physics:
         air = self._air
         count = (air.stop - air.start) // 2
         root = np.sqrt(np.maximum(source_n[air.start : air.start + 2 * count], 0.0))
-        root = root.reshape(count, 2).mean(axis=1)
+        root = 0.5 * (root[::2] + root[1::2])
         root /= math.sqrt(self._rig.wake.reference_thrust_n)
         ends = air.start + 2 * np.arange(1, count + 1) - 1
-        above = self._flight.nominal[0, ends] - self._rig.source.height_m
         shape = _of_wake(constants)
-        ages, *shapes = self._remembered("puffs", tuple(shape.values()), lambda: self._puffs(shape))
-        speed = np.full(count, shape["speed_mps"])
-        if shape["speed_exponent"] != 0.0:
-            speed *= paces(root, shape["speed_exponent"])
-        velocity, slope = jet_along(root, x_m[ends], above, speed, ages, *shapes)
+        pace = paces(root, shape["speed_exponent"]) if shape["speed_exponent"] != 0.0 else None
+
+        def weigh() -> tuple[FloatArray, object, object]:
+            above = self._flight.nominal[0, ends] - self._rig.source.height_m
+            speed = np.full(count, shape["speed_mps"])
+            ages, *shapes = self._puffs(shape)
+            if pace is not None:
+                speed *= pace
+            return puff_weights(x_m[ends], above, speed, ages, *shapes), x_m, pace
+
+        # Where all puffs sink alike, their weights are the same for all thrusts.
+        weights, *_ = self._remembered("puffs", (*shape.values(), id(x_m), id(pace)), weigh)
+        at_ends = jet_along(root, weights)  # (2, count)
         # Evaluated at the ends of pairs of steps, but wanted at the middle of each step.
-        at = np.arange(len(source_n)) + 0.5
-        return np.interp(at, ends + 1.0, velocity), np.interp(at, ends + 1.0, slope)
+        step = 0.25 * np.diff(at_ends)
+        in_air = np.stack([at_ends[:, :-1] + step, at_ends[:, 1:] - step], axis=2)  # (2, …, 2)
+        at_middles = np.empty((2, len(source_n)))
+        at_middles[:, : ends[0] + 1], at_middles[:, ends[-1] + 1 :] = (
+            at_ends[:, :1],
+            at_ends[:, -1:],
+        )
+        at_middles[:, ends[0] + 1 : ends[-1] + 1] = in_air.reshape(2, -1)
+        return at_middles[0, self._flown], at_middles[1, self._flown]
 
     def _puffs(self, shape: dict[str, float]) -> tuple[FloatArray, Floats, Floats]:
         """Ages [s], axial speeds [m/s] and widths² [m²] of the puffs in the air, (M,)."""
@@ -266,57 +297,102 @@ class Physics:
         charge_s: FloatArray,
         wake: tuple[FloatArray, FloatArray],
     ) -> Forces:
-        nominal = self._flight.nominal
-        motion = _with(
+        thrusts = (source_n, sufferer_n, charge_s)
+        rail = tuple(
+            constants[f"rail.{c}"] for c in ("coulomb_n", "viscous_n_per_mps", "stiction_n")
+        )
+        acting = tuple(_key(effects.acting(quantity)) for quantity in _PUSHING)
+        form = tuple(constants.get(name, 0.0) for name in FRICTION_TERMS)
+        key = (id(source_n), id(sufferer_n), id(wake[0]), rail, form, acting)
+        total, _ = self._remembered(
+            "sum",
+            key,
+            lambda: (
+                self._total(constants, effects, self._motion(*thrusts), wake),
+                (*thrusts, wake),
+            ),
+        )
+        return Forces(source_n, *total, *self._reading(constants, effects, thrusts))
+
+    def _motion(self, source_n: FloatArray, sufferer_n: FloatArray, charge_s: FloatArray) -> Motion:
+        """What effects may look at along the whole flight, (N,)."""
+        return _with(
             self._still,
-            z_m=nominal[0],
-            vz_mps=nominal[1],
+            z_m=self._flight.nominal[0],
+            vz_mps=self._flight.nominal[1],
             source_n=source_n,
             source_rate_nps=np.append(0.0, np.diff(source_n) / DT_S),
             sufferer_n=sufferer_n,
             charge_s=charge_s,
         )
-        rail = tuple(
-            constants[f"rail.{c}"] for c in ("coulomb_n", "viscous_n_per_mps", "stiction_n")
+
+    def _total(
+        self,
+        constants: Constants,
+        effects: Chain,
+        motion: Motion,
+        wake: tuple[FloatArray, FloatArray],
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The sufferer's thrust, the air's speed, the wake's force, the inertia, the acceleration.
+
+        As `Forces` has them. The acceleration's slopes are differences between motions nearby.
+        """
+        # Half of a log is before take-off and after touch-down, where nobody needs the forces.
+        m = _part(motion, self._flown)
+        m.z_m, m.vz_mps = self._z_m, self._vz_mps
+        air_mps = wake[0] + wake[1] * _NEARBY[:, :1]  # (4, n)
+        air_mps = np.asarray(blow(effects, m, self._setting, air_mps))
+        wake_n = drag_force(self._rig.wake, 0.0, air_mps)
+        extra_n, added_kg = push(effects, m, self._setting, wake_n)
+        inertia_kg = self._setting.mass_kg + added_kg
+        driving_n = m.sufferer_n + wake_n + extra_n - self._weight_n
+        friction = rail_friction(
+            self._vz_mps.ravel(),
+            *self._near_rest,
+            driving_n.ravel(),
+            constants["rail.coulomb_n"],
+            constants["rail.viscous_n_per_mps"],
+            constants["rail.stiction_n"],
         )
-        acting = tuple(_key(effects.acting(quantity)) for quantity in _PUSHING)
-        form = tuple(v for n, v in constants.items() if n.startswith("discrepancy.friction."))
-        key = (id(source_n), id(sufferer_n), id(wake[0]), rail, form)
-
-        def compute() -> _Sum:
-            # Half of a log is before take-off and after touch-down, where nobody needs the forces.
-            flown, air = _part(motion, self._flown), (wake[0][self._flown], wake[1][self._flown])
-            at = _Motions(self._rig, self._setting, flown, air, self._bends)
-            middle = at.acceleration(constants, effects, 0.0, 0.0)
-            higher = at.acceleration(constants, effects, _DZ_M, 0.0)[0]
-            faster = at.acceleration(constants, effects, 0.0, _DV_MPS)[0]
-            slower = at.acceleration(constants, effects, 0.0, -_DV_MPS)[0]
-            slopes = (higher - middle[0]) / _DZ_M, (faster - slower) / (2 * _DV_MPS)
-            linear = np.stack([self._held(values) for values in (middle[0], *slopes)])
-            thrust_n, air_mps, wake_n, inertia_kg = (self._held(values) for values in middle[1:])
-            made_of = (source_n, sufferer_n, wake)
-            return _Sum(linear, thrust_n, air_mps, wake_n, inertia_kg, made_of)
-
-        found = self._remembered("sum", (*key, acting), compute)
-        return Forces(
-            source_n,
-            found.sufferer_n,
-            found.wake_mps,
-            found.wake_n,
-            found.inertia_kg,
-            found.acceleration,
-            *self._reading(constants, effects, motion),
+        form = tuple(constants.get(name, 0.0) for name in FRICTION_TERMS)
+        total_n = driving_n - friction.reshape(driving_n.shape)
+        total_n -= self._remembered(
+            "friction", form, lambda: friction_n(self._rig, constants, self._bends)
         )
-
-    def _held(self, flown: FloatArray) -> FloatArray:
-        """Values known in the air, (n,), on the whole grid (N,); outside, the nearest of them."""
-        whole = np.empty(len(self._flight.grid_s))
-        first, last = self._flown.start, self._flown.stop
-        whole[:first], whole[first:last], whole[last:] = flown[0], flown, flown[-1]
-        return whole
+        middle, higher, faster, slower = total_n / inertia_kg
+        whole = np.empty((7, len(self._flight.grid_s)))
+        flown = whole[:, self._flown]
+        for row, values in enumerate((m.sufferer_n, air_mps, wake_n, inertia_kg)):
+            flown[row] = values if np.ndim(values) < 2 else np.asarray(values)[0]
+        flown[4] = middle
+        flown[5] = (higher - middle) / _DZ_M
+        flown[6] = (faster - slower) / (2 * _DV_MPS)
+        whole[:, : self._flown.start] = flown[:, :1]
+        whole[:, self._flown.stop :] = flown[:, -1:]
+        return whole[0], whole[1], whole[2], whole[3], whole[4:]
 
     def _reading(
-        self, constants: Constants, effects: Chain, motion: Motion
+        self,
+        constants: Constants,
+        effects: Chain,
+        thrusts: tuple[FloatArray, FloatArray, FloatArray],
+    ) -> tuple[FloatArray, FloatArray, Held]:
+        """When the samples were taken, the readings expected, and how they are held."""
+        acting = _key(effects.acting("range_m"))
+        seen = tuple(constants[f"range.{c}"] for c in ("hold_s", "delay_s", "bias_m", "scale"))
+        of_thrusts = tuple(id(values) for values in thrusts) if acting else ()
+        found, _ = self._remembered(
+            "reading",
+            (seen, acting, of_thrusts),
+            lambda: (self._read(constants, effects, thrusts), thrusts),
+        )
+        return found
+
+    def _read(
+        self,
+        constants: Constants,
+        effects: Chain,
+        thrusts: tuple[FloatArray, FloatArray, FloatArray],
     ) -> tuple[FloatArray, FloatArray, Held]:
         flight = self._flight
         hold_s = constants["range.hold_s"]
@@ -327,11 +403,13 @@ class Physics:
         made_s = np.maximum.accumulate(flight.sample_s - pattern.age_s)
         taken_s = made_s - constants["range.delay_s"]
         z = np.interp(taken_s, flight.grid_s, flight.nominal[0])
+        motion = self._motion(*thrusts)
+        motion.time_s = taken_s - flight.take_off_s
         expected = []
         for dz in (0.0, _DZ_M):
-            at = _with(motion, time_s=taken_s - flight.take_off_s, z_m=z + dz)
+            motion.z_m = z + dz
             value = seen_m(z + dz, constants["range.bias_m"], constants["range.scale"])
-            expected.append(np.asarray(effects.range_m(value, at, self._setting)))
+            expected.append(np.asarray(effects.range_m(value, motion, self._setting)))
         slope = (expected[1] - expected[0]) / _DZ_M
         return taken_s, np.stack([expected[0], slope]), pattern
 
@@ -352,58 +430,6 @@ class Physics:
         if len(kept) > _KEPT:
             kept.popitem(last=False)
         return result
-
-
-class _Sum(NamedTuple):
-    """All that acts on the sufferer, and what it was made from: ids of that are the key."""
-
-    acceleration: FloatArray
-    sufferer_n: FloatArray
-    wake_mps: FloatArray
-    wake_n: FloatArray
-    inertia_kg: FloatArray
-    made_of: object
-
-
-@dataclass(frozen=True, eq=False)
-class _Motions:
-    """The forces along a flight, at motions near the nominal one."""
-
-    rig: Rig
-    setting: Setting
-    nominal: Motion
-    wake: tuple[FloatArray, FloatArray]
-    bends: dict[tuple[float, float], FloatArray]  # of the friction, at motions that were asked for
-
-    def acceleration(
-        self, constants: Constants, effects: Chain, dz_m: float, dv_mps: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Acceleration [m/s²], the sufferer's thrust, the wake's speed and force, the inertia."""
-        air = self.wake[0] + self.wake[1] * dz_m
-        m = _with(
-            self.nominal,
-            z_m=self.nominal.z_m + dz_m,
-            vz_mps=self.nominal.vz_mps + dv_mps,
-        )
-        air_mps = np.asarray(blow(effects, m, self.setting, air))
-        wake_n = drag_force(self.rig.wake, 0.0, air_mps)
-        extra_n, added_kg = push(effects, m, self.setting, wake_n)
-        inertia = np.full(len(wake_n), self.setting.mass_kg) + added_kg
-        driving = np.asarray(m.sufferer_n + wake_n + extra_n - self.setting.weight_n)
-        total = driving - rail_friction(
-            np.asarray(m.vz_mps),
-            driving,
-            constants["rail.coulomb_n"],
-            constants["rail.viscous_n_per_mps"],
-            constants["rail.stiction_n"],
-            _SLIDING_MPS,
-            _RESTING_MPS,
-        )
-        if (dz_m, dv_mps) not in self.bends:
-            heights = heights_of(self.setting.travel_m, np.asarray(m.z_m))
-            self.bends[dz_m, dv_mps] = friction_basis(np.asarray(m.vz_mps), heights)
-        total = total - friction_n(self.rig, constants, self.bends[dz_m, dv_mps])
-        return total / inertia, np.asarray(m.sufferer_n), air_mps, wake_n, inertia
 
 
 def _in_the_air(flight: Flight) -> tuple[int, int]:

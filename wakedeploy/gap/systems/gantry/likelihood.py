@@ -341,7 +341,7 @@ def _airborne(flight: Flight) -> np.typing.NDArray[np.bool_]:
 def _disturbance(forces: Forces, theta: FloatArray) -> tuple[FloatArray, float, float]:
     """Acceleration per unit of the coloured disturbance (N,), its persistence, white intensity."""
     turbulence = math.exp(theta[1]) * np.abs(forces.wake_n) / forces.inertia_kg
-    gain = np.asarray(np.hypot(turbulence, _FAINTEST))
+    gain = np.sqrt(turbulence * turbulence + _FAINTEST * _FAINTEST)  # hypot takes ten times as long
     return gain, math.exp(-DT_S / math.exp(theta[2])), math.exp(2.0 * theta[0])
 
 
