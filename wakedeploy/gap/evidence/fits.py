@@ -114,7 +114,9 @@ def scores_of(
     if together is not None:
         found: list[tuple[Score, ...]] = together(hypothesis, thetas, episodes)
         return found
-    return [tuple(model.score(hypothesis, theta, e) for e in episodes) for theta in thetas]
+    # Set after set of one episode: a model keeps what of an episode many sets share.
+    of_each = [[model.score(hypothesis, theta, e) for theta in thetas] for e in episodes]
+    return list(zip(*of_each, strict=True))
 
 
 def sets_at_once(model: Model, episodes: Sequence[int]) -> int:

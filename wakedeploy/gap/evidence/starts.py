@@ -77,12 +77,16 @@ def starts_of(
     places: Sequence[int],
     scans: Scans,
 ) -> list[FloatArray]:
-    """The neutral point, and those of the effect's starts that are not absurd."""
+    """The neutral point, and those of the effect's starts that are not absurd.
+
+    Of a jagged parameter the likeliest scanned sizes are starts instead of those that it states.
+    """
     neutral_point = extended(base, free)
     starts = [neutral_point]
-    for k in range(max(len(free[i].starts) for i in places)):
+    smooth = [i for i in places if not free[i].scanned]
+    for k in range(max((len(free[i].starts) for i in smooth), default=0)):
         theta = neutral_point.copy()
-        for i in places:
+        for i in smooth:
             theta[i] = free[i].starts[min(k, len(free[i].starts) - 1)]
         here = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
         if here > base.log_likelihood - _ABSURD_NATS:

@@ -109,6 +109,11 @@ class Flight:
         return np.append(False, np.diff(self.reading_m) == 0.0)
 
     @functools.cached_property
+    def repeated_share(self) -> float:
+        """How many of the counted readings equal the one before them."""
+        return float(self.repeated[self.counted].mean())
+
+    @functools.cached_property
     def spacing_s(self) -> float:
         """Mean time between fresh samples [s], without the gaps."""
         between = np.diff(self.sample_s)

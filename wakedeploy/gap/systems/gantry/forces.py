@@ -24,7 +24,7 @@ from wakedeploy.gap.systems.gantry.discrepancy import (
     wake_basis,
     wake_factor,
 )
-from wakedeploy.gap.systems.gantry.flight import DT_S, Flight, FloatArray, Line
+from wakedeploy.gap.systems.gantry.flight import DT_S, Flight, FloatArray, IntArray, Line, placed
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, held
 from wakedeploy.gap.systems.gantry.servo_frames import period_s
 from wakedeploy.physics.constants import Constants, moved_thrust
@@ -56,6 +56,7 @@ _KEPT = 3
 _SHAPING = ("speed_mps", "speed_exponent", "diffusivity_m2ps", "decay_per_s", "width_m")
 _PUSHING = ("sufferer_n", "wake_mps", "force_n", "added_mass_kg")
 _PULSES_AVERAGED = 5
+_EQUALLY = np.full(_PULSES_AVERAGED, 1.0 / _PULSES_AVERAGED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,8 @@ class Forces:
 
     `acceleration` (3, N): [m/s²] at the nominal motion, and its slopes by height and by speed.
     `expected` (2, n): the reading at the nominal height, and its slope. `taken_s` (n,): when the
-    samples were taken. `held`: how a sensor that repeats itself holds them.
+    samples were taken, in step `step_of` (n,) and `into_s` (n,) after it began. `held`: how a
+    sensor that repeats itself holds them.
     """
 
     source_n: FloatArray
@@ -74,6 +76,8 @@ class Forces:
     inertia_kg: FloatArray
     acceleration: FloatArray
     taken_s: FloatArray
+    step_of: IntArray
+    into_s: FloatArray
     expected: FloatArray
     held: Held
 
@@ -179,7 +183,7 @@ class Physics:
             line: Line = getattr(self._flight, motor)
             share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
             back_s = window_s * (share - 0.5) + longer_s * share
-            return line.at(frame_s[:, None] - delay_s - back_s[None, :]).mean(axis=1), frame_s
+            return line.at(frame_s[:, None] - delay_s - back_s[None, :]) @ _EQUALLY, frame_s
 
         key = (window_s, delay_s, longer_s, id(frame_s))
         pulse, _ = self._remembered(f"asked.{motor}", key, asked)
@@ -376,7 +380,7 @@ class Physics:
         constants: Constants,
         effects: Chain,
         thrusts: tuple[FloatArray, FloatArray, FloatArray],
-    ) -> tuple[FloatArray, FloatArray, Held]:
+    ) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, Held]:
         """When the samples were taken, the readings expected, and how they are held."""
         acting = _key(effects.acting("range_m"))
         seen = tuple(constants[f"range.{c}"] for c in ("hold_s", "delay_s", "bias_m", "scale"))
@@ -393,7 +397,7 @@ class Physics:
         constants: Constants,
         effects: Chain,
         thrusts: tuple[FloatArray, FloatArray, FloatArray],
-    ) -> tuple[FloatArray, FloatArray, Held]:
+    ) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, Held]:
         flight = self._flight
         hold_s = constants["range.hold_s"]
         pattern = self._remembered(
@@ -411,7 +415,8 @@ class Physics:
             value = seen_m(z + dz, constants["range.bias_m"], constants["range.scale"])
             expected.append(np.asarray(effects.range_m(value, motion, self._setting)))
         slope = (expected[1] - expected[0]) / _DZ_M
-        return taken_s, np.stack([expected[0], slope]), pattern
+        placed_at = placed(flight.grid_s, taken_s)
+        return taken_s, *placed_at, np.stack([expected[0], slope]), pattern
 
     def at_rest(self, constants: Constants, effects: Chain) -> FloatArray:
         """The readings (r,) expected at rest on the stop, before and after the flight."""

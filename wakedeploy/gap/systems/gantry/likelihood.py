@@ -19,7 +19,7 @@ import numpy as np
 
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.fits import NO_SLOPES, Fit, Free, Hypothesis, Score, neutral
-from wakedeploy.gap.systems.gantry.flight import DT_S, OUTLIER, Flight, FloatArray, placed
+from wakedeploy.gap.systems.gantry.flight import DT_S, OUTLIER, Flight, FloatArray
 from wakedeploy.gap.systems.gantry.forces import Forces, Physics
 from wakedeploy.gap.systems.gantry.parameters import HOLD, NOISE, Layout, own_effects
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, likely_periods_s
@@ -77,7 +77,6 @@ class GantryModel:
         self._physics = [Physics(rig, flight) for flight in self.flights]
         self._layouts: dict[Hypothesis, Layout] = {}
         self._own_effects = own_effects(rig)
-        self._held_s: tuple[float, ...] | None = None
         self._varying = varying(rig)
         self._directions: dict[int, FloatArray] = {}
         self._stand: dict[int, FloatArray] = {}  # each flight's own deviations, to begin with
@@ -231,7 +230,6 @@ class GantryModel:
                 physics = Physics(self.rig, flight)
             flights.append(flight)
         moved = GantryModel(self.rig, flights, self.extra)
-        moved._held_s = self._held_s  # the samples are the same
         moved._noise, moved._stand = begun._noise, begun._stand
         return moved
 
@@ -275,10 +273,8 @@ class GantryModel:
 
     def _likely_holds_s(self) -> tuple[float, ...]:
         """Where a fit of a hold starts: its likelihood is too jagged to climb from anywhere."""
-        if self._held_s is None:
-            flown = [(f.sample_s[f.counted], f.repeated[f.counted]) for f in self.flights]
-            self._held_s = likely_periods_s(flown, _chance(self.rig))
-        return self._held_s
+        flown = [(f.sample_s[f.counted], f.repeated[f.counted]) for f in self.flights]
+        return likely_periods_s(flown, _chance(self.rig))
 
     def _filter(
         self,
@@ -289,7 +285,6 @@ class GantryModel:
         remember: bool,
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         gain, keep, white = _disturbance(forces, theta)
-        step_of, into_s = placed(flight.grid_s, forces.taken_s)
         return filtered(  # type: ignore[no-any-return]
             DT_S,
             flight.start,
@@ -299,8 +294,8 @@ class GantryModel:
             gain,
             keep,
             white,
-            step_of,
-            into_s,
+            forces.step_of,
+            forces.into_s,
             flight.reading_m,
             forces.expected,
             _reading_noise(flight, theta, self.rig, forces),
@@ -354,7 +349,7 @@ def _reading_noise(
     """
     deviation = np.maximum(math.exp(theta[3]) + theta[4] * flight.reading_m, 2e-4)
     variance = deviation**2 + rig.range_sensor.resolution_m**2 / 12.0
-    if forces is None or not forces.held.age_s.any():
+    if forces is None or not forces.held.is_held:
         return np.asarray(variance)
     speed = np.interp(forces.taken_s, flight.grid_s, flight.nominal[1])
     variance = variance + forces.held.age_variance_s2 * speed**2
@@ -374,7 +369,7 @@ def _with_repeats(
 
     Weights are the probability that a reading is fresh and no outlier.
     """
-    if not held.age_s.any():
+    if not held.is_held:
         return density, weight
     share = held.probability[flight.counted]
     repeated = flight.repeated[flight.counted]
@@ -389,10 +384,12 @@ def _repeats(flight: Flight, held: Held, chance: float) -> tuple[FloatArray, Flo
 
     The repeats' likelihood is in the samples' densities; this carries its slope to the fit.
     """
-    share, repeated = held.probability[flight.counted], flight.repeated[flight.counted]
-    expected = float(np.mean(share + (1.0 - share) * chance))
-    excess = float(repeated.mean()) - expected
-    return np.array([excess]), np.array([expected * (1.0 - expected) / len(repeated)])
+    expected = chance
+    if held.is_held:
+        share = held.probability[flight.counted]
+        expected = float(np.mean(share + (1.0 - share) * chance))
+    excess = flight.repeated_share - expected
+    return np.array([excess]), np.array([expected * (1.0 - expected) / flight.counted.sum()])
 
 
 def _nearest(times_s: FloatArray, wanted_s: FloatArray) -> np.typing.NDArray[np.int64]:
@@ -415,14 +412,13 @@ def _compared(
 ) -> Forecasts:
     """Forecast heights and the readings that came then, interpolated between samples."""
     counted = flight.counted
-    step_of, _ = placed(flight.grid_s, forces.taken_s)
     # The reading is expected at the nominal height at the sample's own time, not at its step's.
     nominal_m = np.interp(forces.taken_s, flight.grid_s, flight.nominal[0])
     slope = forces.expected[1]
     offset = forces.expected[0] - slope * nominal_m
     times, measured, forecast, variance = [], [], [], []
     for h, count in enumerate(steps):
-        then = np.minimum(step_of + count, len(flight.grid_s) - 1)
+        then = np.minimum(forces.step_of + count, len(flight.grid_s) - 1)
         then_s = flight.grid_s[then]
         nearest = _nearest(forces.taken_s, then_s)
         moved_m = flight.nominal[1, then] * (forces.taken_s[nearest] - then_s)

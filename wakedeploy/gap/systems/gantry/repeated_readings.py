@@ -8,6 +8,7 @@ repeats: a hidden Markov model whose state is the phase, run forwards and backwa
 equal the last by chance.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -38,18 +39,19 @@ class Held(NamedTuple):
     """How the samples are held, (n,) each.
 
     `probability` that a sample repeats the last reading, given those before it; `age_s` of its
-    reading, given all samples, and the variance of that age [s²].
+    reading, given all samples, and the variance of that age [s²]. `is_held`: whether any is.
     """
 
     probability: FloatArray
     age_s: FloatArray
     age_variance_s2: FloatArray
+    is_held: bool
 
 
 def not_held(count: int) -> Held:
     """The pattern of a sensor whose every sample is a new reading."""
     nothing = np.zeros(count)
-    return Held(nothing, nothing, nothing)
+    return Held(nothing, nothing, nothing, is_held=False)
 
 
 def chance_of_equals(resolution_m: float, noise_m: float) -> float:
@@ -81,7 +83,7 @@ def held(
     repeats, age_s = _phases(sample_s, hold_s, bins, _JITTER_S)
     probability, forward = _forward(repeats, repeated, chance, kernel)
     age, variance = _ages(repeats, age_s, forward, repeated, chance, kernel)
-    return Held(np.minimum(probability, _SURE), age, variance)
+    return Held(np.minimum(probability, _SURE), age, variance, is_held=True)
 
 
 def _evidence(
@@ -122,6 +124,13 @@ def likely_periods_s(
     mirror image about half that rate (39 and 41 ms for samples every 20 ms). Periods that the first
     flight all but rules out are not looked at in the others.
     """
+    return _likely_periods_s(tuple((s.tobytes(), r.tobytes()) for s, r in samples), chance)
+
+
+@functools.lru_cache(maxsize=16)  # a search asks again for each of its models of the same flights
+def _likely_periods_s(flown: tuple[tuple[bytes, bytes], ...], chance: float) -> tuple[float, ...]:
+    """`likely_periods_s` of time stamps and repeats as bytes."""
+    samples = [(np.frombuffer(s), np.frombuffer(r, bool)) for s, r in flown]
 
     def evidence(hold_s: float, wander_s: float, flights: slice = slice(None)) -> float:
         return sum(_evidence(*sample, hold_s, chance, wander_s) for sample in samples[flights])
