@@ -281,7 +281,7 @@ def test_a_folder_of_a_log_needs_a_columns_file(place: Path, tmp_path: Path) -> 
     [
         ({"retrain_minutes": 10.0}, "retrain_minutes is for a rig"),
         ({"measured": [object.__new__(wd.Flight)]}, "A flight is of a rig"),
-        ({"measured": "absent.csv"}, "there is no such run log"),
+        ({"measured": "absent.csv"}, "there is no such file in "),
         ({"columns": "columns.toml"}, "columns go with logs that are read from files"),
         ({"system": "model.xml"}, "gap init my_robot.py --mjcf MODEL.xml"),
         ({"system": wd.default_rig()}, "A rig is given by its file"),

@@ -15,7 +15,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Columns, read_columns
 from wakedeploy.domains.tables.reading import read_recordings
-from wakedeploy.gap.folder import at_work, made, require_logs
+from wakedeploy.gap.folder import LOG, at_work, made, require_logs
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.report.system_page import write_page
 from wakedeploy.gap.search.artefacts import Artefact, Result
@@ -68,7 +68,7 @@ def recordings_of(
     Of logs, outputs that are angles go on where they jump by a turn; of recordings that is said.
     """
     paths = [Path(log) for log in measured if not isinstance(log, Recording)]
-    require_logs(paths)
+    require_logs(paths, LOG)
     given = [log for log in measured if isinstance(log, Recording)]
     for note in (note for recording in given for note in jumps(system, recording)):
         warn(note)
