@@ -152,10 +152,26 @@ def test_degrees_celsius_need_an_offset(header: str, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(f"t,{header}\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")
     text = BASE + U.replace('column = "u"', f'column = "{header}"').replace('"V"', '"K"')
-    assert any("°C" in note for note in reading(path, text).notes)
+    said = "read as K, and the log says °C; offset = 273.15 is missing"
+    assert one_note(path, text).endswith(said)
     assert not reading(path, text + "offset = 273.15\n").notes
     with pytest.raises(UnusableInput, match=r'give unit = "K" and offset = 273\.15'):
         reading(path, text.replace('"K"', '"degC"'))
+
+
+@pytest.mark.parametrize("address", ["arm/q", "/arm/q"])
+def test_a_dataset_that_states_another_unit_is_doubted_by_either_address(
+    address: str, tmp_path: Path
+) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["t"] = np.arange(20) / 10
+        file["arm/q"] = np.arange(20.0)
+        file["arm/q"].attrs["unit"] = "deg"
+    text = BASE + U.replace('column = "u"', f'column = "{address}"').replace('"V"', '"rad"')
+    said = f"column {address!r}: read as rad, and the log says deg; check `unit`"
+    assert one_note(path, text).endswith(said)
 
 
 @pytest.mark.parametrize("mark", [-999.0, 65535.0, 2147483647.0, -999.9])

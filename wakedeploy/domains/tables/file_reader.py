@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.core.units import SHOWN_ALONE, is_known, same_unit
 from wakedeploy.domains.tables.columns import Column, Columns
 from wakedeploy.domains.tables.diagnosis import (
     far_apart,
@@ -91,21 +90,18 @@ class FileReader:
     # --- what stands where
 
     def _doubted_units(self, places: Mapping[str, Place]) -> Iterator[str]:
-        """Columns that a table states in another unit, in its header or beside its numbers."""
-        for log in self._logs.values():
-            here = {
-                n: p
-                for n, p in places.items()
-                if p.log is log and log.clock_of(p.addresses[0]) is None
-            }
-            stated = {f.name: f.unit for f in log.fields()} if here else {}
-            for name, place in here.items():
-                column, unit = self.wanted[name].column, stated.get(place.address)
-                if unit is not None and _is_doubted(column, unit):
-                    yield (
-                        f"{log.path}, column {place.address!r}: read as {column.unit}, and the log "
-                        f"says {unit}; check `unit`"
-                    )
+        """Columns that a table states in another unit beside its numbers, or a name does."""
+        stated: dict[int, dict[str, str | None]] = {}
+        for name, place in places.items():
+            units = stated.get(id(place.log))
+            if units is None:
+                is_table = place.log.clock_of(place.addresses[0]) is None
+                units = {f.name: f.unit for f in place.log.fields()} if is_table else {}
+                stated[id(place.log)] = units
+            address = place.address
+            unit = units.get(address, units.get(address.lstrip("/")))  # HDF5 has both spellings
+            if said := self.wanted[name].doubt(unit):
+                yield f"{place.log.path}, column {address!r}: {said}"
 
     def _log(self, file: str | None) -> Log:
         key = file or ""
@@ -454,10 +450,3 @@ def _samples(series: Sequence[Series]) -> int:
 
 def _clock_key(place: Place) -> tuple[int, str]:
     return id(place.log), place.clock.address if place.clock else ""
-
-
-def _is_doubted(column: Column, unit: str) -> bool:
-    """Whether a column is read in another unit than its log states, with no factor of its own."""
-    is_plain = (column.scale, column.offset) == (1.0, 0.0)
-    is_stated = (is_known(unit) or unit in SHOWN_ALONE) and not same_unit(unit, "1")
-    return is_plain and is_stated and not same_unit(unit, column.unit)
