@@ -38,8 +38,10 @@ from wakedeploy.domains.tables.stamps import (
     Timeline,
     as_floats,
     as_numbers,
+    begun_after_midnight,
     between_falls,
     in_seconds,
+    is_time_of_day,
     on_repeats,
     origin_s,
     seconds_in,
@@ -49,6 +51,7 @@ from wakedeploy.domains.tables.stamps import (
 from wakedeploy.domains.tables.wanted import Wanted
 
 Vector = NDArray[np.float64]
+_DAY_S = 86_400
 _LOST_STEPS = 1.6  # usual ones, from which on a sample was lost between two
 _ABSURD = 1e30  # in any unit, nothing has so much of anything
 
@@ -201,11 +204,34 @@ class FileReader:
                 lengths[key] = longest
             elif key not in found:
                 found[key] = self._clock(place, raw[id(place.log), place.clock.address])
+        if is_time_of_day(self.columns.time.format):
+            found = self._past_midnight(places, found)
         starts = [whole_start_s(values, seconds) for values, seconds in found.values()]
         origin = origin_s([start for start in starts if start is not None])
         stamps_s = {key: in_seconds(*clock, origin) for key, clock in found.items()}
         rate_hz = self.columns.time.rate_hz or 1.0
         return stamps_s | {key: np.arange(n) / rate_hz for key, n in lengths.items()}
+
+    def _past_midnight(
+        self,
+        places: Mapping[str, Place],
+        found: Mapping[tuple[int, str], tuple[Values, Fraction]],
+    ) -> dict[tuple[int, str], tuple[Values, Fraction]]:
+        """The clocks with a day added to those that begin after midnight, where others do before.
+
+        The parts of a recording may begin on either side of it.
+        """
+        days = dict(found)
+        is_later = begun_after_midnight([values for values, _ in found.values()])
+        for (key, (values, seconds)), is_next in zip(found.items(), is_later, strict=True):
+            if is_next:
+                days[key] = values + round(_DAY_S / seconds), seconds
+                place = next(p for p in places.values() if _clock_key(p) == key)
+                self.notes.append(
+                    f"{place.log.path}: its times of day begin after midnight, and others before; "
+                    "they are taken for those of the next day"
+                )
+        return days
 
     def _clock(self, place: Place, values: Values) -> tuple[Values, Fraction]:
         """A clock's numbers, and the seconds in its unit."""
