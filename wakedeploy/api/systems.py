@@ -26,6 +26,7 @@ from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.system import System
 from wakedeploy.gap.systems.wrapped_angles import going_on, jumps
 from wakedeploy.gap.workflow import run
@@ -137,6 +138,9 @@ def take(
     model.require_effects()
     with at_work(made(out)):
         folder = OwnFolder(model, out, progress, only)
+        if not folder.is_found:
+            for note in misread(model):
+                warn(note)
         artefact = run(folder, step)
         if not isinstance(artefact, Result):
             return Taken(artefact, tuple(folder.exported))

@@ -1,6 +1,7 @@
 """What commands print: tables, how far they are, and results as JSON for other programs."""
 
 import contextlib
+import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,7 +21,7 @@ class Written(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path; minutes of fitting should not end at a folder that nobody may write to."""
-        path = Path(super().convert(value, param, ctx))
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if path.exists() and not path.is_file():  # a device or a pipe
             return path
         folder = next(above for above in path.absolute().parents if above.exists())

@@ -106,6 +106,11 @@ class Folder:
         self._remove_stale()
         return found
 
+    @property
+    def is_found(self) -> bool:
+        """Whether `find` has run for the same."""
+        return read(self.out / "find.json", Disagreements, self.key) is not None
+
     def require_own(self) -> None:
         """UnusableInput where the folder holds steps of another system."""
         for path in (self.out / name for name in ("find.json", "name.json", "domain.json")):

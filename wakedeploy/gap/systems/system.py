@@ -435,6 +435,18 @@ class System:
             if name != other and np.array_equal(rates[name], tried[other])
         }
 
+    def shown_states(self) -> dict[str, str]:
+        """The states that outputs show as they are, by the output's name."""
+        tried, _ = self._probed()
+        shown = {n: np.broadcast_to(np.asarray(v, dtype=float), 20)
+                 for n, v in self._shown(tried).items()}  # fmt: skip
+        return {
+            name: state
+            for name, values in shown.items()
+            for state in self.states
+            if np.array_equal(values, tried[state])
+        }
+
     def remembered(self) -> dict[str, str]:
         """States of a discrete system that are a state or an input of the step before, by that.
 
