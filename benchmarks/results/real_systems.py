@@ -64,7 +64,7 @@ def _counts(rows: Sequence[Row]) -> str:
         f"had been named when it was left out, in {both} of them.\n\nThe halves of "
         f"{halves.count('same')} of {len(halves)} recordings, each searched by itself, give the "
         f"same answer.{_repeated(rows)}"
-        f"{_of_earlier(rows)}"
+        f"{_of_other_commits(rows)}"
     )
 
 
@@ -77,8 +77,8 @@ def _repeated(rows: Sequence[Row]) -> str:
     return f" Of {len(asked)} answers both halves say what was found first in {agree}."
 
 
-def _of_earlier(rows: Sequence[Row]) -> str:
-    """How many answers are of another commit than the record, and of which."""
+def _of_other_commits(rows: Sequence[Row]) -> str:
+    """A table of the answers that another commit than the record's gave, earlier or later."""
     lines = []
     parts = {"out": "left out", "in": "built in", "first": "left out, a half of the log"}
     for part, of in parts.items():

@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ class Slider(System):
     def derivative(self, state, inputs, c):
         return {"speed_mps": inputs.force_n / c.mass_kg}
 """
-DRAG, NAME = 1.5, "viscous-friction@speed_mps"
+DRAG, NAME, OFFSET = 1.5, "viscous-friction@speed_mps", "offset@speed_mps"
 
 
 def recorded(seed: int) -> wd.Recording:
@@ -115,7 +116,7 @@ def test_sizes_and_the_ranking_are_tables(gap: wd.Gap) -> None:
     assert best["effect"] == NAME
     assert best["named"]
     assert best["gain_nats"] > best["threshold_nats"]
-    assert set(ranked["effect"]) == {NAME, "offset@speed_mps"}
+    assert set(ranked["effect"]) == {NAME, OFFSET}
     with pytest.raises(wd.UnusableInput, match='give "effects" or "ranking"'):
         gap.to_pandas("all")  # type: ignore[arg-type]
 
@@ -155,6 +156,89 @@ def test_the_command_prints_what_the_function_returns(place: Path, gap: wd.Gap) 
     assert f"Report: {gap.report}" in told.stdout
     assert f"Next: {gap.next[0]}" in told.stdout
     assert json.loads((place / "told.json").read_text())["verdict"] == "named"
+
+
+@pytest.mark.whole
+def test_power_beside_an_answer_asks_for_the_other_effects_and_says_so(
+    place: Path, gap: wd.Gap, tmp_path: Path
+) -> None:
+    """Without the answer the logs lack something; beside it they do not, and sizes are smaller."""
+
+    def asked(out: Path) -> tuple[str, dict[str, Any]]:
+        words = ["--system", str(place / "slider.py"), "--measured", str(place / "log.csv")]
+        told = CliRunner().invoke(main, ["gap", "power", *words, "--out", str(out)])
+        assert told.exit_code == 0, told.output
+        assert f"Written: {out / 'power.json'}" in told.stdout
+        return told.stdout, json.loads((out / "power.json").read_text())
+
+    alone, without = asked(tmp_path)
+    assert f"These logs lack something already: {NAME} or what looks like it would gain" in alone
+    assert "run `gap close`, and give the folder of its answer about these logs as --out." in alone
+    assert without["missing"][0] == NAME
+    assert without["beside"] == []
+    beside, known = asked(gap.folder)
+    assert f"All this is beside what the answer in {gap.folder} has: {NAME}." in beside
+    assert "lack something already" not in beside
+    assert (known["beside"], known["missing"]) == ([NAME], None)
+    sizes = {row["name"]: row["detected"] for row in without["effects"]}
+    assert {NAME, OFFSET} == set(sizes)
+    assert [row["name"] for row in known["effects"]] == [OFFSET]
+    assert known["effects"][0]["detected"] < sizes[OFFSET]
+
+
+@pytest.mark.whole
+def test_what_no_size_that_was_tried_shows_is_told_by_the_largest(
+    place: Path, tmp_path: Path
+) -> None:
+    """A fan whose whole push is a thousandth of the sensor's noise may be as late as it likes."""
+    other = SLIDER.replace('"N")]', '"N"), Input("fan_n", "N")]', 1)
+    other = other.replace("inputs.force_n /", "(inputs.force_n + 1e-6 * inputs.fan_n) /")
+    other = other.replace("ports = [", 'ports = [Port.input("fan_n", kinds=["dead-time"]), ')
+    (tmp_path / "slider.py").write_text(other)
+    rows = np.loadtxt(place / "log.csv", delimiter=",", skiprows=1)
+    rows = np.column_stack([rows, np.roll(rows[:, 1], 200)])
+    header = "time_s,force_n,speed_mps,fan_n"
+    np.savetxt(tmp_path / "log.csv", rows, "%.9g", ",", header=header, comments="")
+    words = ["--system", str(tmp_path / "slider.py"), "--measured", str(tmp_path / "log.csv")]
+    told = CliRunner().invoke(main, ["gap", "power", *words, "--out", str(tmp_path / "out")])
+    assert told.exit_code == 0, told.output
+    listed = json.loads((tmp_path / "out" / "power.json").read_text())["effects"]
+    late = next(row for row in listed if row["name"] == "dead-time@fan_n")
+    assert (late["detected"], late["named"]) == (None, None)  # JSON has no infinity
+    shown = next(line for line in told.stdout.splitlines() if "dead-time@fan_n" in line)
+    seen, named = (cell.strip() for cell in shown.strip("│ ").split("│")[2:4])
+    assert seen == named == f"> {late['largest']:.3g}"
+    assert late["largest"] > 0.05  # seconds: a sample and more was tried
+
+
+@pytest.mark.whole
+def test_another_form_of_the_system_leaves_nothing_of_the_answer_before(
+    place: Path, tmp_path: Path
+) -> None:
+    """Each step's file would pass for one of this form; what else lies there is the user's."""
+    exported = SLIDER + '\n    exported = ("slider.urdf",)\n'
+    (tmp_path / "slider.py").write_text(exported)
+    out = tmp_path / "gap"
+
+    def found() -> str:
+        words = ["--system", str(tmp_path / "slider.py"), "--measured", str(place / "log.csv")]
+        told = CliRunner().invoke(main, ["gap", "find", *words, "--out", str(out)])
+        assert told.exit_code == 0, told.output
+        return told.stderr
+
+    assert "removed" not in found()
+    of_answer = (
+        "name.json", "domain.json", "report.html", "correction.toml", "plan.json", "power.json",
+        "slider.urdf",
+    )  # fmt: skip
+    for name in (*of_answer, "notes.txt"):
+        (out / name).write_text("{}")
+    assert "removed" not in found()  # nothing new is found
+    (tmp_path / "slider.py").write_text(exported.replace("2.0, spread=0.02", "2.1, spread=0.02"))
+    said = f"removed, as it was of other logs or another form: {', '.join(of_answer)}"
+    assert said in found()
+    left = sorted(path.name for path in out.iterdir() if path.suffix != ".lock")
+    assert left == ["find.json", "notes.txt"]
 
 
 @pytest.mark.slow
@@ -197,7 +281,7 @@ def test_a_folder_of_a_log_needs_a_columns_file(place: Path, tmp_path: Path) -> 
     [
         ({"retrain_minutes": 10.0}, "retrain_minutes is for a rig"),
         ({"measured": [object.__new__(wd.Flight)]}, "A flight is of a rig"),
-        ({"measured": "absent.csv"}, "there is no such run log"),
+        ({"measured": "absent.csv"}, "there is no such file in "),
         ({"columns": "columns.toml"}, "columns go with logs that are read from files"),
         ({"system": "model.xml"}, "gap init my_robot.py --mjcf MODEL.xml"),
         ({"system": wd.default_rig()}, "A rig is given by its file"),

@@ -1,7 +1,7 @@
 """Records of real systems that are completed from earlier ones."""
 
 from benchmarks.real_systems.completed import completed
-from benchmarks.results.real_systems import _of_earlier
+from benchmarks.results.real_systems import _of_other_commits
 
 
 def _row(case: str, commit: str, **answers: str) -> dict:
@@ -21,7 +21,7 @@ def test_parts_that_were_not_asked_again_are_of_the_earlier_commit():
     assert {p: row["answers"][p].get("commit") for p in ("in", "first", "second")} == {
         "in": "a", "first": "a", "second": "a"
     }  # fmt: skip
-    assert "| built in | `a` | 1 |" in _of_earlier([row])
+    assert "| built in | `a` | 1 |" in _of_other_commits([row])
 
 
 def test_a_record_that_has_all_parts_stays_as_it_is():
@@ -29,7 +29,7 @@ def test_a_record_that_has_all_parts_stays_as_it_is():
     new = {"commit": "b", "rows": [_row("x", "b", **whole)]}
     old = {"commit": "a", "rows": [_row("x", "a", **whole)]}
     assert completed(new, old) == new
-    assert _of_earlier(new["rows"]) == ""
+    assert _of_other_commits(new["rows"]) == ""
 
 
 def test_parts_of_a_commit_before_the_earlier_one_keep_theirs():

@@ -109,7 +109,7 @@ def test_wrong_files_and_arguments_are_refused(folder: Path) -> None:
     (folder / "empty.csv").write_text("", encoding="utf-8")
     refused(gap(folder, "close", "empty.csv"), "is empty")
     for step in STEPS:
-        refused(gap(folder, step, "missing.mcap", out="none"), "there is no such run log")
+        refused(gap(folder, step, "missing.mcap", out="none"), "there is no such file in ")
     assert not (folder / "none").exists()
     refused(gap(folder, "close", "flight.csv", "flight.csv"), "the same recording more than once")
     refused(gap(folder, "close"), "Missing option '--measured'")

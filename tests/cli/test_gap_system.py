@@ -169,6 +169,38 @@ def test_an_uneven_log_is_refused_with_the_way_out(folder, tmp_path, option):
     assert "--columns" in str(CliRunner().invoke(command, given).exception)
 
 
+@pytest.mark.parametrize("step", ["check", "close", "simulate"])
+def test_a_place_for_json_that_cannot_be_written_is_refused_before_any_fit(folder, tmp_path, step):
+    (tmp_path / "file").write_text("")
+    asked = tmp_path / "file" / "told.json"
+    given = [step, "--system", str(folder / "my_robot.py"), "--measured", str(folder / "log.csv")]
+    given += ["--out", str(tmp_path / "gap")] if step == "close" else []
+    told = CliRunner().invoke(command, [*given, "--json", str(asked)])
+    assert told.exit_code == 2
+    said = f"'--json': {asked}: {tmp_path / 'file'} cannot be written to (Not a directory)."
+    assert said in told.stderr
+    assert "fitting" not in told.stderr
+    assert not (tmp_path / "gap").exists()
+
+
+def test_a_log_that_is_absent_is_answered_with_where_and_what(folder, tmp_path, monkeypatch):
+    """By its own name a near one, a pattern without a match, and a folder that is not there."""
+
+    def said(log):
+        given = ["simulate", "--system", str(folder / "my_robot.py"), "--measured", str(log)]
+        return str(CliRunner().invoke(command, given).exception)
+
+    what = "ive a log (.csv, .npz, .mat, .h5, .parquet, .mcap, .db3 or .ulg), or a folder of"
+    monkeypatch.chdir(folder)
+    assert f"lug.csv: there is no such file in {folder}; did you mean log.csv? G{what}" in (
+        said("lug.csv")
+    )
+    assert f"qqq: there is no such file in {folder}; g{what}" in said("qqq")
+    assert f"run*.csv: no file in {folder} is called so; g{what}" in said("run*.csv")
+    beyond = tmp_path / "absent" / "log.csv"
+    assert f"{beyond}: there is no folder {beyond.parent}; g{what}" in said(beyond)
+
+
 def test_check_takes_one_system():
     for given in ([], ["a.py", "--system", "b.py"]):
         told = CliRunner().invoke(command, ["check", *given, "--measured", "log.csv"])

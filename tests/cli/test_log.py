@@ -122,7 +122,7 @@ def test_smooth_makes_a_set_with_ceiling(flights: list[Path], tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["show", "{missing}"], "no such run log"),
+        (["show", "{missing}"], "there is no such file in "),
         (["show", "{foreign}"], "not an MCAP run log"),
         (["smooth", "{foreign}", "--out", "{out}"], "not an MCAP run log"),
         (["smooth", "{flight}", "{flight}", "--out", "{out}"], "given twice"),

@@ -199,6 +199,40 @@ def test_a_mujoco_model_in_the_place_of_a_system_is_answered_with_what_makes_one
     assert "Did you mean" not in told
 
 
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("gap close my_robot.py --measured log.csv --out g", "'--system my_robot.py'"),
+        ("gap find arms.py:Left --measured log.csv --out g", "'--system arms.py:Left'"),
+        ("gap close log.csv --system my_robot.py --out g", "'--measured log.csv'"),
+        ("gap check my_robot.py flight.mcap", "'--measured flight.mcap'"),
+        ("gap find rig.toml --measured f.mcap --out g", "'--rig rig.toml'"),
+        ("gap find c.toml --system a.py --measured l.npz --out g", "'--columns c.toml'"),
+        ("gap add lag@motor_v --system a.py --measured l.csv --out g", "'--effect lag@motor_v'"),
+        ("gap plan lag@motor_v --system a.py --measured l.csv", "'--class lag@motor_v'"),
+    ],
+)
+def test_a_value_without_an_option_is_answered_with_its_option(line: str, told: str) -> None:
+    answer = typed(line)
+    assert answer.exit_code == 2
+    assert f"stands without an option; give it as {told}." in answer.stderr
+
+
+def test_a_value_that_no_option_has_is_told_alone_and_help_is_help() -> None:
+    assert "'all' stands without an option.\n" in typed("gap close all --out g").stderr
+    assert "'arm.xml' stands without an option.\n" in typed("gap close arm.xml --out g").stderr
+    assert "Find, name, add and show" in typed("gap close my_robot.py --help").output
+
+
+@pytest.mark.parametrize("second", ["--out b", "--out=b"])
+def test_an_option_that_is_given_twice_is_no_matter_of_taking_the_last(second: str) -> None:
+    answer = typed(f"gap close --system a.py --measured l.csv --out a {second}")
+    assert answer.exit_code == 2
+    assert "'--out' is given 2 times; give it once." in answer.stderr
+    several = "gap check absent.py --measured a.csv --measured b.csv"
+    assert "times" not in typed(several).stderr
+
+
 @pytest.mark.parametrize("option", ["--rig", "--system"])
 def test_a_mujoco_model_as_rig_or_system_is_answered_so_too(option: str, tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("time_s\n")

@@ -323,5 +323,5 @@ def test_a_misspelt_column_is_an_error_of_the_program() -> None:
 
 
 def test_missing_file_is_unusable(tmp_path: Path) -> None:
-    with pytest.raises(UnusableInput, match="no such run log"):
+    with pytest.raises(UnusableInput, match=r"there is no such file in .*; give a run log"):
         read_run_log(tmp_path / "none.mcap")

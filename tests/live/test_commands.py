@@ -24,7 +24,7 @@ FLY = ["run-gantry", "--baseline", "--virtual"]
         ([*FLY, "--live-token", "x"], "--live-token belongs to --live"),
         ([*FLY, "--live", "nowhere"], "nowhere: is no address to serve a page at"),
         ([*FLY, "--live", "0.0.0.0:0"], "other computers reach this address"),
-        (["live", "none.mcap"], "there is no such run log"),
+        (["live", "none.mcap"], "there is no such file in "),
     ],
 )
 def test_what_cannot_be_served_is_a_sentence(words, sentence):

@@ -15,7 +15,7 @@ from wakedeploy.core.caller import warn_caller
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.folder import at_work, require_logs
+from wakedeploy.gap.folder import RUN_LOG, at_work, require_logs
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Result as SystemResult
 from wakedeploy.gap.search.artefacts import read_result
@@ -283,7 +283,7 @@ def _closed(
     from wakedeploy.gap.systems.gantry.workflow import close
 
     logs = [_log_path(flight) for flight in _several(measured)]
-    require_logs(logs)
+    require_logs(logs, RUN_LOG)
     prepare(folder, rig_path)
     with at_work(folder):
         close(

@@ -15,7 +15,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Columns, read_columns
 from wakedeploy.domains.tables.reading import read_recordings
-from wakedeploy.gap.folder import at_work, made, require_logs
+from wakedeploy.gap.folder import LOG, at_work, made, require_logs
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.report.system_page import write_page
 from wakedeploy.gap.search.artefacts import Artefact, Result
@@ -26,6 +26,7 @@ from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.system import System
 from wakedeploy.gap.systems.wrapped_angles import going_on, jumps
 from wakedeploy.gap.workflow import run
@@ -68,7 +69,7 @@ def recordings_of(
     Of logs, outputs that are angles go on where they jump by a turn; of recordings that is said.
     """
     paths = [Path(log) for log in measured if not isinstance(log, Recording)]
-    require_logs(paths)
+    require_logs(paths, LOG)
     given = [log for log in measured if isinstance(log, Recording)]
     for note in (note for recording in given for note in jumps(system, recording)):
         warn(note)
@@ -137,6 +138,9 @@ def take(
     model.require_effects()
     with at_work(made(out)):
         folder = OwnFolder(model, out, progress, only)
+        if not folder.is_found:
+            for note in misread(model):
+                warn(note)
         artefact = run(folder, step)
         if not isinstance(artefact, Result):
             return Taken(artefact, tuple(folder.exported))

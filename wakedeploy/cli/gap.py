@@ -17,6 +17,7 @@ from wakedeploy.cli.groups import Group, same_command
 from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.names import EFFECT
+from wakedeploy.cli.output import Written
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
@@ -78,7 +79,8 @@ def command() -> None:
 def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
     """The options that every step takes."""
     for option in (
-        click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON here."),
+        click.option("--json", "json_path", type=Written(),
+                     help="Also write the result as JSON here."),
         workers_option("Processes for the rig's thresholds, simulated once."),
         click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
                      help="Folder for artefacts, figures and report."),
@@ -147,14 +149,14 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
             _step_of_rig(of_rig, rig_path, given)
             return
         from wakedeploy.cli.gap_system import run_steps
-        from wakedeploy.gap.folder import require_logs
+        from wakedeploy.gap.folder import LOG, require_logs
 
         common = {"rig_path", "measured", "out", "workers", "json_path", "only"}
         for name in given.keys() - common:
             source = click.get_current_context().get_parameter_source(name)
             if source is not click.core.ParameterSource.DEFAULT:
                 raise click.UsageError(f"'--{name.replace('_', '-')}' goes with '--rig'.")
-        require_logs(given["measured"])
+        require_logs(given["measured"], LOG)
         name = str(click.get_current_context().info_name)
         try:
             run_steps(
@@ -348,10 +350,10 @@ def show_gap(
 
 def _enter(out: Path, rig_path: Path, measured: tuple[Path, ...]) -> None:
     """Make the folder, and keep others out of it until the command ends."""
-    from wakedeploy.gap.folder import at_work, require_logs
+    from wakedeploy.gap.folder import RUN_LOG, at_work, require_logs
     from wakedeploy.gap.systems.gantry.folder import prepare
 
-    require_logs(measured)
+    require_logs(measured, RUN_LOG)
     prepare(out, rig_path)
     click.get_current_context().with_resource(at_work(out))
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from wakedeploy.cli.many_files import Many
+from wakedeploy.cli.output import Written
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--plant-rig", type=_FILE, help="What the virtual gantry is in truth.")
 @click.option("--hooks", help="MODULE:FUNCTION giving the virtual plant's hooks.")
 @workers_option("Processes for the rig's thresholds, simulated once.")
-@click.option("--json", "json_path", type=_FILE, help="Also write both answers as JSON here.")
+@click.option("--json", "json_path", type=Written(), help="Also write both answers as JSON here.")
 def follow(
     out: Path,
     measured: tuple[Path, ...],

@@ -8,7 +8,7 @@ import click
 from wakedeploy.cli.gap_system import COLUMNS, SYSTEM
 from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.names import EFFECT
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import Written, print_table, progress, write_json
 from wakedeploy.cli.workers import workers_option
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
@@ -39,7 +39,7 @@ _MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple
 )
 @click.option("--write-reference", "reference", type=_FILE, help="CSV for run-gantry --reference.")
 @click.option("--write-input", "input_path", type=_FILE, help="With --system: its input, as CSV.")
-@click.option("--json", "json_path", type=_FILE, help="Also write the plan as JSON.")
+@click.option("--json", "json_path", type=Written(), help="Also write the plan as JSON.")
 def plan(
     rig_path: Path | None,
     system_path: Path | None,

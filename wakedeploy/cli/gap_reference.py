@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from wakedeploy.cli.many_files import Many
+from wakedeploy.cli.output import Written
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -30,7 +31,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
     required=True,
     help="Folder for reference.json and the new rig.toml.",
 )
-@click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON here.")
+@click.option("--json", "json_path", type=Written(), help="Also write the result as JSON here.")
 def reference(
     rig_path: Path, measured: tuple[Path, ...], out: Path, json_path: Path | None
 ) -> None:

@@ -1,6 +1,8 @@
 """What commands print: tables, how far they are, and results as JSON for other programs."""
 
 import contextlib
+import os
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,12 +10,33 @@ from typing import Any
 import click
 
 from wakedeploy.cli.log_lines import LogLines, ticking
-from wakedeploy.core.errors import printable
+from wakedeploy.core.errors import printable, why
+
+
+class Written(click.Path):
+    """A file that a command writes at its end; a place where none can be is refused at once."""
+
+    def __init__(self) -> None:
+        super().__init__(dir_okay=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; minutes of fitting should not end at a folder that nobody may write to."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if path.exists() and not path.is_file():  # a device or a pipe
+            return path
+        folder = next(above for above in path.absolute().parents if above.exists())
+        try:
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            self.fail(f"{path}: {folder} cannot be written to ({why(error)}).", param, ctx)
+        return path
+
 
 json_option = click.option(
     "--json",
     "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=Written(),
     help="Also write as JSON.",
 )
 

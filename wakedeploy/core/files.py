@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from wakedeploy.core.names import near, one_of
+
 _MARK = ".unfinished-"  # in the names of files that are being written
 _NO_LINKS = (
     errno.EPERM,
@@ -20,6 +22,25 @@ _NO_LINKS = (
     errno.EMLINK,
 )  # where files have one name, as on a USB stick
 MOST_TEXT_BYTES = 64 << 20
+
+
+def absent(path: Path, accepted: str) -> str:
+    """The sentence for a path at which no file lies: where it was looked for, and what to give.
+
+    `accepted` is what would do, as "a run log, .mcap or .csv".
+    """
+    folder = path.absolute().parent
+    if path.is_dir():
+        return f"{path}: is a folder; give {accepted}."
+    if not folder.is_dir():
+        return f"{path}: there is no folder {folder}; give {accepted}."
+    if any(mark in path.name for mark in "*?["):  # a shell leaves a pattern that matches nothing
+        return f"{path}: no file in {folder} is called so; give {accepted}."
+    close: list[str] = []
+    with contextlib.suppress(OSError):  # of a folder that nobody may list
+        close = near(path.name, sorted(other.name for other in folder.iterdir()))
+    hint = f"did you mean {one_of(close)}? Give" if close else "give"
+    return f"{path}: there is no such file in {folder}; {hint} {accepted}."
 
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:

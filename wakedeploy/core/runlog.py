@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput, shown
+from wakedeploy.core.files import absent
 from wakedeploy.core.runlog_columns import (
     COLUMN,
     COLUMNS,
@@ -140,7 +141,7 @@ def read_run_log(path: Path | str) -> RunLog:
     """
     path = Path(path)
     if path.is_dir() or not path.exists():
-        raise UnusableInput(f"{path}: there is no such run log; name a .mcap or .csv file.")
+        raise UnusableInput(absent(path, "a run log, a .mcap or .csv file"))
     if path.suffix.lower() == ".csv":
         from wakedeploy.core.runlog_csv import read_csv
 

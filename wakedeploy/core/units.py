@@ -205,7 +205,7 @@ _ANGULAR = re.compile(
     r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|turns?|rpm|rps|dps)(?![A-Za-z])|°",
     re.I,
 )
-SHOWN_ALONE = ("°C", "degC")  # no factor leads to kelvin: both sides have to have the same
+SHOWN_ALONE = ("°C", "degC")  # one unit, from which no factor leads to any other, as to kelvin
 _BROKEN_POWER = re.compile(r"\^\(?-?[0-9]*[./][0-9]+\)?")
 _SUPERSCRIPTS = str.maketrans("⁻¹²³⁴", "-1234")
 _PART = re.compile(
@@ -312,7 +312,7 @@ def conversion(given: str, wanted: str) -> Fraction:
 
     Raises ValueError with a clause that says what is understood.
     """
-    if given == wanted and (is_known(given) or given in SHOWN_ALONE):
+    if (given == wanted and is_known(given)) or (given in SHOWN_ALONE and wanted in SHOWN_ALONE):
         return Fraction(1)
     if wanted in SHOWN_ALONE and _read(given) is not None:
         raise ValueError(f'{given!r} has no factor to {wanted}; give unit = "{wanted}", no offset')

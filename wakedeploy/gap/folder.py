@@ -6,8 +6,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput, why
-from wakedeploy.core.files import remove_unfinished
+from wakedeploy.core.files import absent, remove_unfinished
 from wakedeploy.core.locks import alone
+
+RUN_LOG = "a run log, .mcap or .csv"
+LOG = (
+    "a log (.csv, .npz, .mat, .h5, .parquet, .mcap, .db3 or .ulg), or a folder of files that "
+    "belong together"
+)
 
 
 @contextlib.contextmanager
@@ -38,8 +44,11 @@ def made(folder: Path) -> Path:
     return folder
 
 
-def require_logs(measured: Sequence[Path]) -> None:
-    """UnusableInput for a log that is not there, before a folder is made for what it would give."""
+def require_logs(measured: Sequence[Path], accepted: str) -> None:
+    """UnusableInput for a log that is not there, before a folder is made for what it would give.
+
+    `accepted` is what the sentence asks for: `RUN_LOG` of a rig, `LOG` of a system.
+    """
     for path in measured:
         if not path.exists():
-            raise UnusableInput(f"{path}: there is no such run log.")
+            raise UnusableInput(absent(path, accepted))

@@ -7,7 +7,7 @@ users' systems and recorded domains differ in what a step does, not in what foll
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -85,7 +85,7 @@ class Folder:
     `later` are the files of the steps after `find`.
     """
 
-    later: ClassVar[tuple[str, ...]] = ("name.json", "domain.json", "report.html")
+    later: tuple[str, ...] = ("name.json", "domain.json", "report.html")
 
     def __init__(
         self, model: Comparison, out: Path, key: str, forecast_s: float, progress: Progress = quiet
@@ -105,6 +105,11 @@ class Folder:
         found.write(path)
         self._remove_stale()
         return found
+
+    @property
+    def is_found(self) -> bool:
+        """Whether `find` has run for the same."""
+        return read(self.out / "find.json", Disagreements, self.key) is not None
 
     def require_own(self) -> None:
         """UnusableInput where the folder holds steps of another system."""

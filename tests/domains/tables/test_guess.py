@@ -1,5 +1,6 @@
 """A first columns.toml: the clock, the rate and what blanks mean, guessed and then read."""
 
+import gzip
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import pytest
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.domains.tables.columns import Delimited, parse_columns
+from wakedeploy.domains.tables.columns import Delimited, Encoding, parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.domains.tables.guess_rate import usual_hz
 from wakedeploy.domains.tables.reading import read_recordings
@@ -129,6 +130,37 @@ def test_a_table_in_another_encoding_is_guessed_and_read(encoding: str, tmp_path
     wrong = columns.model_copy(update={"csv": Delimited(encoding="ascii")})
     with pytest.raises(UnusableInput, match=rf'encoding = "{encoding}" in columns\.toml'):
         read_recordings([path], wrong)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "latin-1"])
+@pytest.mark.parametrize("kept", [0.02, 0.5, 0.98])
+def test_a_packed_table_that_was_cut_and_is_no_unicode_is_refused_in_a_sentence(
+    encoding: Encoding, kept: float, tmp_path: Path
+) -> None:
+    """A copy that broke off; its begin still shows how it is encoded."""
+    odd = "\x8d" if encoding == "latin-1" else ""
+    numbers = np.random.default_rng(0).random(3000)
+    rows = "".join(f"{k / 10},{x:.6f}\n" for k, x in enumerate(numbers))
+    packed = gzip.compress(f"Zeit [s],{odd}Wärme [°C]\n{rows}".encode(encoding))
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(packed[: int(kept * len(packed))])
+    columns = parse_columns(
+        'version = 1\n[time]\nrate_hz = 10\n[columns.t]\ncolumn = "#2"\nunit = "1"\n'
+        'role = "output"\n'
+    )
+    if kept > 0.02:  # less of it has no line
+        with pytest.raises(UnusableInput, match=rf'encoding = "{encoding}" in columns\.toml\.$'):
+            read_recordings([path], columns)
+    stated = columns.model_copy(update={"csv": Delimited(encoding=encoding)})
+    for fails in (lambda: read_recordings([path], stated), lambda: guess_columns(path)):
+        with pytest.raises(UnusableInput) as error:
+            fails()
+        said = str(error.value)
+        assert said.startswith(f"{path}: ")
+        assert said.endswith(".")
+        assert "\n" not in said
+    with pytest.raises(UnusableInput, match=r"end-of-stream marker was reached.*; copy it again"):
+        read_recordings([path], stated)
 
 
 def test_a_name_that_says_its_unit_keeps_it(tmp_path: Path) -> None:

@@ -152,10 +152,26 @@ def test_degrees_celsius_need_an_offset(header: str, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(f"t,{header}\n" + "\n".join(f"{k / 10},{k}" for k in range(20)) + "\n")
     text = BASE + U.replace('column = "u"', f'column = "{header}"').replace('"V"', '"K"')
-    assert any("°C" in note for note in reading(path, text).notes)
+    said = "read as K, and the log says °C; offset = 273.15 is missing"
+    assert one_note(path, text).endswith(said)
     assert not reading(path, text + "offset = 273.15\n").notes
     with pytest.raises(UnusableInput, match=r'give unit = "K" and offset = 273\.15'):
         reading(path, text.replace('"K"', '"degC"'))
+
+
+@pytest.mark.parametrize("address", ["arm/q", "/arm/q"])
+def test_a_dataset_that_states_another_unit_is_doubted_by_either_address(
+    address: str, tmp_path: Path
+) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["t"] = np.arange(20) / 10
+        file["arm/q"] = np.arange(20.0)
+        file["arm/q"].attrs["unit"] = "deg"
+    text = BASE + U.replace('column = "u"', f'column = "{address}"').replace('"V"', '"rad"')
+    said = f"column {address!r}: read as rad, and the log says deg; check `unit`"
+    assert one_note(path, text).endswith(said)
 
 
 @pytest.mark.parametrize("mark", [-999.0, 65535.0, 2147483647.0, -999.9])
@@ -207,6 +223,42 @@ def test_times_of_day_go_on_behind_midnight(tmp_path: Path) -> None:
     back = write(tmp_path / "back.csv", ["10:00:01.0", "10:00:02.0", "10:00:00.0"], [1, 2, 3])
     with pytest.raises(UnusableInput, match="falls by 2 s"):
         reading(back, text)
+
+
+def of_day(seconds: float) -> str:
+    """Seconds since midnight as a time of day, the same on the next day."""
+    tenths = round(10.0 * seconds) % 864_000
+    return f"{tenths // 36_000:02}:{tenths // 600 % 60:02}:{tenths // 10 % 60:02}.{tenths % 10}"
+
+
+@pytest.mark.parametrize("first", ["u", "x"])
+def test_a_part_of_a_recording_that_begins_behind_midnight_is_of_the_next_day(
+    first: str, tmp_path: Path
+) -> None:
+    """One file begins two seconds before midnight, the other one second behind it."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    before, behind = 86_398.0 + np.arange(80) / 10, 86_401.0 + np.arange(80) / 10
+    write(folder / "u.csv", list(map(of_day, before)), list(before))
+    write(folder / "x.csv", list(map(of_day, behind)), list(behind))
+    form = BASE + 'format = "%H:%M:%S.%f"\n[resample]\nrate_hz = 10\n'
+    parts = {"u": U + 'file = "u.csv"\n', "x": U.replace(".u]", ".x]") + 'file = "x.csv"\n'}
+    read = reading(folder, form + parts.pop(first) + "".join(parts.values()))
+    (recording,) = read.recordings
+    np.testing.assert_allclose(recording.columns["x"], recording.columns["u"])
+    assert recording.columns["u"][0] == pytest.approx(86_401.0)
+    assert [note for note in read.notes if "x.csv: its times of day begin after midnight" in note]
+
+
+def test_a_part_that_was_recorded_on_its_own_stays_where_it_is(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for name, begin_s in (("u", 36_000.0), ("x", 80_000.0)):
+        stamps_s = begin_s + np.arange(80) / 10
+        write(folder / f"{name}.csv", list(map(of_day, stamps_s)), list(stamps_s))
+    text = BASE + 'format = "%H:%M:%S.%f"\n[resample]\nrate_hz = 10\n' + U + 'file = "u.csv"\n'
+    with pytest.raises(UnusableInput, match="shift_s = -44000"):
+        reading(folder, text + U.replace(".u]", ".x]") + 'file = "x.csv"\n')
 
 
 def test_a_remark_in_a_header_is_no_unit(tmp_path: Path) -> None:

@@ -301,7 +301,7 @@ def test_names_become_short_valid_and_different():
     [
         (["--out", "x"], "one of --rig FILE, --log FILE and --set FOLDER"),
         (["--log", "{log}", "--out", "x.txt"], "ends in .csv, .parquet or .mat"),
-        (["--log", "missing.mcap", "--out", "x.mat"], "there is no such run log"),
+        (["--log", "missing.mcap", "--out", "x.mat"], "there is no such file in "),
     ],
 )
 def test_bad_requests_are_one_sentence(arguments, sentence, log_file):

@@ -207,12 +207,12 @@ def test_a_folder_is_of_one_system_and_what_follows_find_is_of_its_present_form(
         return OwnFolder(model, tmp_path)
 
     folder({}).find()
-    for name in OwnFolder.later:
+    for name in folder({}).later:
         (tmp_path / name).write_text('{"domain": "Slide", "key": "of before"}')
     folder({}).find()  # which is known
-    assert all((tmp_path / name).exists() for name in OwnFolder.later)
+    assert all((tmp_path / name).exists() for name in folder({}).later)
     folder({"constants": Slide.constants}).find()
-    assert not any((tmp_path / name).exists() for name in OwnFolder.later)
+    assert not any((tmp_path / name).exists() for name in folder({}).later)
     with pytest.raises(UnusableInput, match="holds what was found about Slide, and this is Other"):
         folder({}, "Other").find()
 

@@ -351,6 +351,8 @@ def test_a_model_that_lacks_nothing_known_stays_as_it_is(tmp_path: Path, verdict
     system = written(tmp_path, GEARED)
     told = answered(("offset@rail_mps", {"force": size(TILTED_N, "N")}))
     system.export(told, tmp_path / "out")
+    written_files = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert written_files == sorted(system.exported)  # which a new search removes, too
     told = answered(verdict=verdict, drive_gear=size(-44.0))
     (sentence,) = system.export(told, tmp_path / "out")
     assert "rig.xml stays as it is" in sentence

@@ -135,6 +135,11 @@ def test_a_sound_system_passes():
         ),
         ({"measure": lambda s, state, u, c: {"position_m": "far"}}, "gives 'far' for 'position_m'"),
         ({"rate_hz": 0.0}, "rate_hz"),
+        ({"exported": "arm.urdf"}, "exported is 'arm.urdf'; give a list of file names"),
+        (
+            {"exported": ["../arm.urdf"]},
+            r"exported is \['../arm.urdf'\]; give a list of file names",
+        ),
         ({"steps": 0}, "steps is 0; give a whole number from 1 to 64"),
         ({"inputs": [Input("force_n", "N", hold="cubic")]}, "holds 'cubic', not"),
         ({"inputs": [Input("force_n", "N", delay_s=-0.1)]}, "has the delay_s -0.1; give seconds"),

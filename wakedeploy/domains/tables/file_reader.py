@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.core.units import SHOWN_ALONE, is_known, same_unit
 from wakedeploy.domains.tables.columns import Column, Columns
 from wakedeploy.domains.tables.diagnosis import (
     far_apart,
@@ -39,8 +38,10 @@ from wakedeploy.domains.tables.stamps import (
     Timeline,
     as_floats,
     as_numbers,
+    begun_after_midnight,
     between_falls,
     in_seconds,
+    is_time_of_day,
     on_repeats,
     origin_s,
     seconds_in,
@@ -50,6 +51,7 @@ from wakedeploy.domains.tables.stamps import (
 from wakedeploy.domains.tables.wanted import Wanted
 
 Vector = NDArray[np.float64]
+_DAY_S = 86_400
 _LOST_STEPS = 1.6  # usual ones, from which on a sample was lost between two
 _ABSURD = 1e30  # in any unit, nothing has so much of anything
 
@@ -91,21 +93,18 @@ class FileReader:
     # --- what stands where
 
     def _doubted_units(self, places: Mapping[str, Place]) -> Iterator[str]:
-        """Columns that a table states in another unit, in its header or beside its numbers."""
-        for log in self._logs.values():
-            here = {
-                n: p
-                for n, p in places.items()
-                if p.log is log and log.clock_of(p.addresses[0]) is None
-            }
-            stated = {f.name: f.unit for f in log.fields()} if here else {}
-            for name, place in here.items():
-                column, unit = self.wanted[name].column, stated.get(place.address)
-                if unit is not None and _is_doubted(column, unit):
-                    yield (
-                        f"{log.path}, column {place.address!r}: read as {column.unit}, and the log "
-                        f"says {unit}; check `unit`"
-                    )
+        """Columns that a table states in another unit beside its numbers, or a name does."""
+        stated: dict[int, dict[str, str | None]] = {}
+        for name, place in places.items():
+            units = stated.get(id(place.log))
+            if units is None:
+                is_table = place.log.clock_of(place.addresses[0]) is None
+                units = {f.name: f.unit for f in place.log.fields()} if is_table else {}
+                stated[id(place.log)] = units
+            address = place.address
+            unit = units.get(address, units.get(address.lstrip("/")))  # HDF5 has both spellings
+            if said := self.wanted[name].doubt(unit):
+                yield f"{place.log.path}, column {address!r}: {said}"
 
     def _log(self, file: str | None) -> Log:
         key = file or ""
@@ -205,11 +204,34 @@ class FileReader:
                 lengths[key] = longest
             elif key not in found:
                 found[key] = self._clock(place, raw[id(place.log), place.clock.address])
+        if is_time_of_day(self.columns.time.format):
+            found = self._past_midnight(places, found)
         starts = [whole_start_s(values, seconds) for values, seconds in found.values()]
         origin = origin_s([start for start in starts if start is not None])
         stamps_s = {key: in_seconds(*clock, origin) for key, clock in found.items()}
         rate_hz = self.columns.time.rate_hz or 1.0
         return stamps_s | {key: np.arange(n) / rate_hz for key, n in lengths.items()}
+
+    def _past_midnight(
+        self,
+        places: Mapping[str, Place],
+        found: Mapping[tuple[int, str], tuple[Values, Fraction]],
+    ) -> dict[tuple[int, str], tuple[Values, Fraction]]:
+        """The clocks with a day added to those that begin after midnight, where others do before.
+
+        The parts of a recording may begin on either side of it.
+        """
+        days = dict(found)
+        is_later = begun_after_midnight([values for values, _ in found.values()])
+        for (key, (values, seconds)), is_next in zip(found.items(), is_later, strict=True):
+            if is_next:
+                days[key] = values + round(_DAY_S / seconds), seconds
+                place = next(p for p in places.values() if _clock_key(p) == key)
+                self.notes.append(
+                    f"{place.log.path}: its times of day begin after midnight, and others before; "
+                    "they are taken for those of the next day"
+                )
+        return days
 
     def _clock(self, place: Place, values: Values) -> tuple[Values, Fraction]:
         """A clock's numbers, and the seconds in its unit."""
@@ -454,10 +476,3 @@ def _samples(series: Sequence[Series]) -> int:
 
 def _clock_key(place: Place) -> tuple[int, str]:
     return id(place.log), place.clock.address if place.clock else ""
-
-
-def _is_doubted(column: Column, unit: str) -> bool:
-    """Whether a column is read in another unit than its log states, with no factor of its own."""
-    is_plain = (column.scale, column.offset) == (1.0, 0.0)
-    is_stated = (is_known(unit) or unit in SHOWN_ALONE) and not same_unit(unit, "1")
-    return is_plain and is_stated and not same_unit(unit, column.unit)

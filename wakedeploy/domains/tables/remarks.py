@@ -119,10 +119,10 @@ class Remarks:
         """A sentence for each column and thing that was noticed."""
         slowest_s = max((tally.usual_s for tally in self._tallies.values()), default=0.0)
         for tally in self._tallies.values():
-            place, doubt = tally.column.place, tally.column.wanted.doubt
+            place = tally.column.place
             of_ticks = (_on_ticks(tally), _on_repeats(tally, slowest_s), _on_lost(tally))
             on_ticks = "; ".join(filter(None, of_ticks))
-            for said in (_on_blanks(tally), doubt, _on_turns(tally), on_ticks):
+            for said in (_on_blanks(tally), _on_turns(tally), on_ticks):
                 if said:
                     yield f"{place.log.path}, column {place.address!r}: {said}"
 

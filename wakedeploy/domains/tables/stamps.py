@@ -96,7 +96,26 @@ def as_numbers(values: Values, form: str | None, place: Place, refuse: Refuse) -
     if form is None or values.dtype.kind == "M":
         return values
     stamps = np.array([_ns_of(str(v), form, i, place, refuse) for i, v in enumerate(values)])
-    return stamps if form == "iso" or _DATE.search(form) else _past_midnight(stamps)
+    return _past_midnight(stamps) if is_time_of_day(form) else stamps
+
+
+def is_time_of_day(form: str | None) -> bool:
+    """Whether stamps are written without a day, as `%H:%M:%S`."""
+    return form is not None and form != "iso" and not _DATE.search(form)
+
+
+def begun_after_midnight(clocks_ns: Sequence[NDArray[np.int64]]) -> list[bool]:
+    """Of the times of day of one recording, each (n,), those that begin a day after the others.
+
+    A clock is of the next day if it has nothing in common with the one that begins latest, and does
+    a day later: some hours alone may also be those of a sensor that was switched on late.
+    """
+    latest = max(clocks_ns, key=lambda clock: int(clock[0]))
+    begin, end = int(latest.min()), int(latest.max())
+    first, last = (np.array([int(f(clock)) for clock in clocks_ns]) for f in (np.min, np.max))
+    is_apart = last < begin
+    is_common = (first + _DAY_NS <= end) & (last + _DAY_NS >= begin)
+    return [bool(found) for found in is_apart & is_common]
 
 
 def _past_midnight(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from wakedeploy.core.angles import Unwrapped, turn_in, unwrapped
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import (
+    SHOWN_ALONE,
     contradicted,
     conversion,
     is_angular,
+    is_known,
     same_dimension,
+    same_unit,
     si_unit,
 )
 from wakedeploy.domains.tables.columns import Ahead, Column, Columns, Method
@@ -34,7 +37,6 @@ class Wanted:
         self.name, self.column, self._file = name, column, file
         shared = columns.resample.method if columns.resample else None
         self.method: Ahead | Method | None = column.resample or shared
-        self.doubt = _doubted(name, column)
         try:
             self.unit = unit or column.to or si_unit(column.unit)
             self._factor = conversion(column.unit, self.unit)
@@ -61,6 +63,29 @@ class Wanted:
                 f"{self._file}: columns.{self.name} becomes {self.unit}, but its name says "
                 f"{named}; {advice}, or rename it."
             )
+
+    def doubt(self, stated: str | None) -> str:
+        """What speaks against the column's unit: what its log states, or a name; "" for nothing.
+
+        `stated` is the unit in the log's header or beside its numbers. A column with a factor of
+        its own is not doubted.
+        """
+        column = self.column
+        if column.column is None or self._is_scaled:
+            return ""
+        if column.unit == "K" and (stated in SHOWN_ALONE or _CELSIUS.search(column.column.lower())):
+            return "read as K, and the log says °C; offset = 273.15 is missing"
+        if stated is not None and _is_unit(stated) and not same_unit(stated, column.unit):
+            return f"read as {column.unit}, and the log says {stated}; check `unit`"
+        named = contradicted(column.column.partition("[")[0].lower(), column.unit)
+        if named is None:
+            # In its own name another unit of the same dimension may be what `to` or a system wants.
+            renamed = contradicted(self.name.lower(), column.unit)
+            is_other = renamed is not None and not same_dimension(renamed, column.unit)
+            named = renamed if is_other else None
+        if named is None:
+            return ""
+        return f"read as {column.unit}, and its name says {named}; check `unit`"
 
     def converted(self, values: Vector) -> Vector:
         """Numbers of the log in that unit."""
@@ -92,17 +117,6 @@ class Wanted:
         return (self.column.scale, self.column.offset) != (1.0, 0.0)
 
 
-def _doubted(name: str, column: Column) -> str:
-    """What speaks against a column's unit: another one in its name in the log, or in its own."""
-    if column.column is None or (column.scale, column.offset) != (1.0, 0.0):
-        return ""
-    named = contradicted(column.column.partition("[")[0].lower(), column.unit)
-    # In its own name another unit of the same dimension may be what `to` or a system wants.
-    renamed = contradicted(name.lower(), column.unit)
-    if named is None and renamed is not None and not same_dimension(renamed, column.unit):
-        named = renamed
-    if named is None and column.unit == "K" and _CELSIUS.search(column.column.lower()):
-        return "read as K, and its name says °C; offset = 273.15 is missing"
-    return (
-        "" if named is None else f"read as {column.unit}, and its name says {named}; check `unit`"
-    )
+def _is_unit(stated: str) -> bool:
+    """Whether a text beside a column is a unit that is known, and not none."""
+    return (is_known(stated) or stated in SHOWN_ALONE) and not same_unit(stated, "1")

@@ -9,6 +9,7 @@ import math
 import numbers
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -103,6 +104,12 @@ def _check_statements(system: System) -> None:
     if type(system.costs_by_point) is not bool:
         raise UnusableInput(
             f"{system.name}.costs_by_point is {system.costs_by_point!r}; give True or False."
+        )
+    if isinstance(system.exported, str) or not all(
+        isinstance(name, str) and Path(name).name == name for name in system.exported
+    ):
+        raise UnusableInput(
+            f"{system.name}.exported is {system.exported!r}; give a list of file names."
         )
     if type(system.steps) is not int or not 1 <= system.steps <= MOST_STEPS:
         raise UnusableInput(

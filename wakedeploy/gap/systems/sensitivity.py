@@ -24,6 +24,7 @@ from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.system import Input, System
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
 from wakedeploy.gap.wording import counted, listed, minus
@@ -98,6 +99,7 @@ def column_notes(model: LogModel) -> list[str]:
             "what sealed blocks say, come from all."
         )
     notes += _ranges(model)
+    notes += misread(model)
     notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]
     notes += [*own_wraps(model), *_curves(model)]
     for i, stated in enumerate(model.system.inputs):

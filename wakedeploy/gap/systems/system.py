@@ -253,7 +253,8 @@ class System:
     a correction of its form, if nothing is stated and no force acts there. `outlier_share` of the
     samples may be outliers, `forecast_s` is how far ahead a forecast has to be right for an effect
     to matter. `costs_by_point` says that N points take about N times as long as one, as where a
-    simulator is asked for each: a search then tries none that it may not need.
+    simulator is asked for each: a search then tries none that it may not need. `exported` names
+    the files that an `export` of your own writes: those of an earlier answer are then removed.
 
     Values are in the units that the class states; each is a number, or (N,) where N points are
     tried at once. What does not fit raises UnusableInput by the name of method, state and point.
@@ -271,6 +272,7 @@ class System:
     forecast_s: ClassVar[float | None] = None
     steps: ClassVar[int] = 1
     costs_by_point: ClassVar[bool] = False
+    exported: ClassVar[Sequence[str]] = ()
 
     correction: "Correction | None" = None
 
@@ -305,7 +307,7 @@ class System:
         """Write what `gap name` found in further formats; none unless overridden.
 
         `answer` is the artefact that name.json holds. Returns a sentence for each file in the
-        folder `out`.
+        folder `out`; their names stand in `exported`.
         """
         return []
 
@@ -431,6 +433,18 @@ class System:
             for name in self.states
             for other in self.states
             if name != other and np.array_equal(rates[name], tried[other])
+        }
+
+    def shown_states(self) -> dict[str, str]:
+        """The states that outputs show as they are, by the output's name."""
+        tried, _ = self._probed()
+        shown = {n: np.broadcast_to(np.asarray(v, dtype=float), 20)
+                 for n, v in self._shown(tried).items()}  # fmt: skip
+        return {
+            name: state
+            for name, values in shown.items()
+            for state in self.states
+            if np.array_equal(values, tried[state])
         }
 
     def remembered(self) -> dict[str, str]:

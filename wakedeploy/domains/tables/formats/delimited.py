@@ -39,6 +39,7 @@ _COMMENT = "#"  # what lines before a header begin with that are none of the tab
 _COMMENTS = (_COMMENT, "%", "//", "!")  # that are looked for
 _LOOKED_AT = 200  # rows that show how numbers are written
 _LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
+_OF_GZIP = zlib.MAX_WBITS | 16  # as zlib is told that there is a header of gzip
 _NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
 _WITH_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _WITH_POINT = re.compile(_WITH_COMMA.pattern.replace(",", r"\.", 1))
@@ -373,11 +374,12 @@ class _Growing:
 
 def _seen_encoding(path: Path) -> Encoding:
     """How a text is encoded, as far as its begin shows: Unicode, or else as Windows writes it."""
-    opened = gzip.open if path.suffix.lower() == ".gz" else open
     try:
-        with opened(path, "rb") as file:
-            begin: bytes = file.read(_LOOKED_AT_BYTES)
-    except (OSError, EOFError, zlib.error):  # who reads it says so
+        with path.open("rb") as file:
+            begin = file.read(_LOOKED_AT_BYTES)
+        if path.suffix.lower() == ".gz":  # as far as it goes: it may be cut off
+            begin = zlib.decompressobj(_OF_GZIP).decompress(begin, _LOOKED_AT_BYTES)
+    except (OSError, zlib.error):  # who reads it says so
         return "latin-1"
     if begin.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"

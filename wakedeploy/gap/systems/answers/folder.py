@@ -38,8 +38,6 @@ class OwnFolder(Folder):
     With `only`, `add` adds that effect in the place of a class.
     """
 
-    later = (*Folder.later, CORRECTION, PLAN, "power.json")
-
     def __init__(
         self, model: LogModel, out: Path, progress: Progress = quiet, only: str | None = None
     ) -> None:
@@ -48,6 +46,7 @@ class OwnFolder(Folder):
             model.acting((only,))  # says which there are
         super().__init__(model, out, _key(model), model.horizon * model.dt_s, progress)
         self.log_model, self.only = model, only
+        self.later = (*self.later, CORRECTION, PLAN, "power.json", *model.system.exported)
         self.exported: list[str] = []
 
     def add(self) -> Answer:

@@ -58,6 +58,7 @@ class LogModel(ComparisonDefaults):
         self, system: System, recordings: Sequence[Recording], outliers: float | None = None
     ) -> None:
         self.system, self.name = system, system.name
+        self.recordings = tuple(recordings)
         share = system.outlier_share if outliers is None else outliers
         read = logs_of(system, recordings)
         self.logs = [without_strays(log, share) for log in read] if share else read

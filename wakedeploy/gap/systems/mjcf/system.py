@@ -7,7 +7,7 @@ its own `rollout`: one tiny explicit Euler step of each, whose rise over its tim
 import importlib
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco, read_elements
+from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
 from wakedeploy.gap.systems.system import FloatArray, Point, System
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ class MjcfSystem(System):
 
     mjcf: ClassVar[str | Path]
     costs_by_point: ClassVar[bool] = True
+    exported: ClassVar[Sequence[str]] = (CORRECTED, RANGES)
 
     def __init__(self) -> None:
         self._elements = read_elements(Path(self.mjcf))

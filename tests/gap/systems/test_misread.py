@@ -1,0 +1,201 @@
+"""Columns in another unit, and exchanged ones, are told by what a system makes of its logs."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.real_systems.answering import recordings_of as recordings_of_case
+from benchmarks.real_systems.answering import system_of
+from benchmarks.real_systems.cases import CASES
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.cli import main
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.misread import misread
+
+CART = """
+from wakedeploy import Constant, Input, Output, Port, System
+
+
+class Cart(System):
+    rate_hz = 50.0
+    inputs = [Input("push", "N")]
+    states = {"place": "m", "speed": "m/s"}
+    outputs = [Output("place", "m", noise=1e-3)]
+    constants = [Constant("mass_kg", 2.0, spread=0.1)]
+    ports = [Port.force("speed", inertia="mass_kg", kinds=["viscous-friction"])]
+
+    def derivative(self, state, inputs, c):
+        return {"place": state.speed, "speed": inputs.push / c.mass_kg}
+"""
+
+
+class Joints(System):
+    """Two joints of an arm whose inertias nobody has measured; all four sensors are logged."""
+
+    rate_hz = 50.0
+    inputs = [Input("motor_1_nm", "N m"), Input("motor_2_nm", "N m")]
+    states = {"first": "rad", "second": "rad", "first_rate": "rad/s", "second_rate": "rad/s"}
+    outputs = [
+        Output("first", "rad"), Output("second", "rad"),
+        Output("first_rate", "rad/s"), Output("gyro", "rad/s"),
+    ]  # fmt: skip
+    constants = [Constant("per_kgm2", 1.0, spread=float("inf"), unit="1/(kg m^2)")]
+    ports = [Port.input("motor_1_nm")]
+
+    def derivative(self, state, inputs, c):
+        return {
+            "first": state.first_rate,
+            "second": state.second_rate,
+            "first_rate": c.per_kgm2 * inputs.motor_1_nm - 2.0 * state.first_rate,
+            "second_rate": c.per_kgm2 * inputs.motor_2_nm - 2.0 * state.second_rate,
+        }
+
+    def measure(self, state, inputs, c):
+        return {"gyro": state.second_rate}
+
+
+def moved(push: np.ndarray, inertia: float, drag: float, seed: int) -> tuple[np.ndarray, ...]:
+    """Places and speeds of a mass under pushes, in small steps of our own, with noise."""
+    random = np.random.default_rng(seed)
+    x, v, rows = 0.0, 0.0, []
+    for force in push:
+        rows.append((x, v))
+        for _ in range(20):
+            v += (force - drag * v) / inertia * 1e-3
+            x += v * 1e-3
+    places, speeds = np.array(rows).T
+    return tuple(row + 1e-3 * random.standard_normal(len(row)) for row in (places, speeds))
+
+
+def pushes(seed: int) -> np.ndarray:
+    return np.repeat(np.random.default_rng(seed).uniform(-4.0, 4.0, 20), 20)
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory):
+    """A cart that rubs, which its system does not know, and a log of it in SI units."""
+    path = tmp_path_factory.mktemp("cart")
+    (path / "cart.py").write_text(CART)
+    push = pushes(0)
+    place, _ = moved(push, 2.0, 0.8, 1)
+    return path, {"time_s": np.arange(400) / 50.0, "push": push, "place": place}
+
+
+def written(path, columns, **scales):
+    table = np.column_stack([scales.get(name, 1.0) * row for name, row in columns.items()])
+    np.savetxt(path, table, "%.9g", ",", header=",".join(columns), comments="")
+    return path
+
+
+def told(cart, step, *more, **scales):
+    folder, columns = cart
+    log = written(folder / "log.csv", columns, **scales)
+    given = ["gap", step, "--system", str(folder / "cart.py"), "--measured", str(log), *more]
+    ended = CliRunner().invoke(main, given, catch_exceptions=False)
+    assert ended.exit_code == 0, ended.output
+    return ended
+
+
+@pytest.mark.parametrize(
+    ("scales", "said"),
+    [
+        ({"place": 1e3}, "output place is in mm, and not in m"),
+        ({"place": 1.0 / 0.0254}, "output place is in in, and not in m"),
+        ({"push": 1e3}, "input push is in mN, and not in N"),
+        ({"push": 1.0 / 9.80665}, "input push is in kgf, and not in N"),
+        ({}, ""),
+    ],
+)
+def test_a_column_in_another_unit_than_the_system_says_is_told(cart, scales, said):
+    """Though a friction is missing as well."""
+    shown = told(cart, "check", **scales).stdout
+    assert ("far better if" in shown) == bool(said)
+    assert said in shown
+
+
+def test_a_search_says_so_once_before_it_begins(cart, tmp_path):
+    out = ["--out", str(tmp_path / "gap")]
+    said = "output place is in mm, and not in m"
+    assert said in told(cart, "find", *out, place=1e3).stderr
+    assert said not in told(cart, "find", *out, place=1e3).stderr
+
+
+def joints(**columns: str) -> Recording:
+    """Both joints, with each of some columns in the place of another."""
+    logged = {}
+    for k, (place, speed) in enumerate((("first", "first_rate"), ("second", "gyro"))):
+        logged[f"motor_{k + 1}_nm"] = pushes(k)
+        logged[place], logged[speed] = moved(logged[f"motor_{k + 1}_nm"], 3.0, 2.0, k)
+    placed = {name: logged[columns.get(name, name)] for name in logged}
+    return Recording("made", np.arange(400) / 50.0, placed)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"first_rate": "gyro", "gyro": "first_rate"}, ["as gyro says, and not as first_rate",
+                                                        "as first_rate says, and not as gyro"]),
+        ({"first": "first_rate", "first_rate": "first"}, ["first_rate goes on as first says"]),
+        ({}, []),
+    ],
+)  # fmt: skip
+def test_rates_in_each_other_s_place_are_told(columns, said):
+    """By positions alone: nobody knows how heavy the arm is."""
+    notes = misread(LogModel(Joints(), [joints(**columns)]))
+    assert len(notes) == len(said)
+    for note, each in zip(notes, said, strict=True):
+        assert each in note
+        assert "exchanged?" in note
+
+
+class Known(Joints):
+    """The same arm with inertias that are known and without sensors of speed."""
+
+    states = {"first": "rad", "first_rate": "rad/s", "second": "rad", "second_rate": "rad/s"}
+    outputs = Joints.outputs[:2]
+    constants = [Constant("per_kgm2", 1.0 / 3.0, spread=0.01, unit="1/(kg m^2)")]
+
+    def derivative(self, state, inputs, c):
+        return {
+            "first": state.first_rate,
+            "second": state.second_rate,
+            "first_rate": c.per_kgm2 * (inputs.motor_1_nm - 2.0 * state.first_rate),
+            "second_rate": c.per_kgm2 * (inputs.motor_2_nm - 2.0 * state.second_rate),
+        }
+
+    def measure(self, state, inputs, c):
+        return {}
+
+
+def test_columns_of_one_unit_in_each_other_s_place_are_told_by_what_drives_them():
+    """Which of the two pairs it is, of motors or of angles, no log says."""
+    assert misread(LogModel(Known(), [joints()])) == []
+    for a, b in (("first", "second"), ("motor_1_nm", "motor_2_nm")):
+        (note,) = misread(LogModel(Known(), [joints(**{a: b, b: a})]))
+        assert "the outputs first and second are exchanged" in note
+        assert "the inputs motor_1_nm and motor_2_nm are exchanged" in note
+
+
+def test_a_speed_in_another_unit_than_its_position_is_told():
+    made = joints()
+    columns = dict(made.columns, gyro=np.rad2deg(made.columns["gyro"]))
+    (note,) = misread(LogModel(Joints(), [Recording("made", made.time_s, columns)]))
+    scale = float(note.partition("second goes ")[2].partition(" times")[0])
+    assert scale == pytest.approx(np.pi / 180.0, rel=0.05)
+    assert "gyro is in deg/s" in note
+
+
+@pytest.mark.parametrize("name", [
+    "positioning system", "pendulum, position control", "pendulum, energy shaping",
+    "double pendulum", "SO-101, elbow", "drone, climbing and sinking", "hydraulic actuator",
+])  # fmt: skip
+def test_of_recordings_in_their_right_units_nothing_is_said(
+    recordings: Callable[[str], object], name: str
+) -> None:
+    """Though each lacks an effect that the literature names."""
+    (case,) = (c for c in CASES if c.name == name)
+    recordings(case.files[0].split("/")[0])
+    assert misread(LogModel(system_of(case, "out"), recordings_of_case(case, "out"))) == []

@@ -1,0 +1,322 @@
+"""Columns that may be in another unit, or be exchanged: a system explains its logs far better so.
+
+In: a `LogModel`, before any fit. Out: sentences. Each column is read in other units of its
+dimension, and each two are exchanged; what counts is how far the system, with its constants as
+stated, is off a forecast later, and whether a position goes on as its measured speed says.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.core.units import conversion, is_angular, same_dimension
+from wakedeploy.gap.evidence.fits import FloatArray
+from wakedeploy.gap.systems.likelihood.augmented import Acting
+from wakedeploy.gap.systems.likelihood.blocks import IntArray
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.system import Constant, System
+
+_UNITS = (
+    "m", "cm", "mm", "in", "ft", "rad", "deg", "rev", "rad/s", "deg/s", "rpm", "rps", "m/s", "cm/s",
+    "mm/s", "kmh", "knots", "m/s^2", "mm/s^2", "N", "mN", "kN", "gf", "kgf", "lbf", "N m", "mN m",
+    "N mm", "V", "mV", "A", "mA", "W", "mW", "kW", "Pa", "kPa", "mbar", "bar", "psi", "kg", "g",
+    "Hz", "1/min", "l/min", "m^3/s", "1", "%",
+)  # fmt: skip
+_GRAVITIES, _GRAVITY = "g, 9.81 m/s²", 9.80665
+_ROWS, _LOGS, _PLACES, _DEAR_PLACES = 3000, 2, 200, 40  # that are looked at
+_LONGER, _FARTHEST = (1, 4), 400  # times a forecast, and samples
+_FEWEST_PLACES = 20
+_WELL = 0.1  # of what holding the last reading leaves: a system that is off by less reads well
+_AS_GOOD = 1.1
+_HALF = 0.5  # of the error has to go
+_EXPLAINED = 0.7  # of what holding the last reading leaves: so much has to go in the end
+_SHARP = 0.7  # of the error with twice and half the unit: else any small, or large, one will do
+_UNTOUCHED, _WORSE = 0.05, 1.2  # an output whose error changes by less; one that gets worse
+_SPREADS = 3.0  # of constants, within which a scale may be theirs
+_FAR = 1e6  # of its spread: where an output ends that is no number
+_GOES_ON, _DOES_NOT = 0.3, 0.7  # share of a position's way that its speed leaves unexplained
+_ALIKE, _OFF_SCALE = 0.95, 0.25  # correlation of way and speed; of a scale from 1, and of a unit
+
+
+@dataclass(frozen=True)
+class _Other:
+    """Another reading of the logs: what it is, and the columns that it makes of a recording's."""
+
+    words: str
+    columns: Callable[[Mapping[str, FloatArray]], dict[str, FloatArray]]
+    scale: float = 1.0
+    name: str = ""
+
+
+def misread(model: LogModel) -> list[str]:
+    """A sentence for each column that seems to be in another unit, or in the place of another.
+
+    Of a system with constants that nobody has measured, only what positions and their speeds say
+    of each other: such constants take up any scale.
+    """
+    notes = _of_speeds(model)
+    unlimited = any(math.isinf(c.spread) for c in model.system.constants)
+    return notes or ([] if unlimited else _of_forecasts(model))
+
+
+# --- by forecasts
+
+
+def _of_forecasts(model: LogModel) -> list[str]:
+    """The readings under which errors of forecasts all but vanish, the best and those as good."""
+    system, recordings = model.system, [_beginning(r) for r in model.recordings[:_LOGS]]
+    before = _errors(system, recordings)
+    others = [*_in_other_units(system), *_exchanged(system)] if _is_off(before) else []
+    each = [(_shares(system, recordings, before, other), other) for other in others]
+    for ahead in sorted(before):
+        left = [
+            (shares[ahead], other)
+            for shares, other in each
+            if shares[ahead] < _HALF
+            and _is_sharp(system, recordings, before, other, ahead, shares[ahead])
+        ]
+        best = min((share for share, _ in left), default=1.0)
+        words = [other.words for share, other in left if share <= _AS_GOOD * best]
+        if words:
+            return [
+                "with the constants as stated the system explains these logs far better if "
+                f"{' or '.join(words)}: {ahead * model.dt_s:.3g} s ahead it is off by {best:.2g} "
+                "times what it is now. Check the unit of each column, and which is which."
+            ]
+    return []
+
+
+def _is_off(errors: Mapping[int, FloatArray]) -> bool:
+    """Whether some forecast is off by so much that a column may be read wrongly."""
+    return any(float(off.max()) > _WELL for off in errors.values())
+
+
+def _in_other_units(system: System) -> Iterator[_Other]:
+    """Each column in each unit in which it may have been logged, beyond what constants allow."""
+    least = _SPREADS * max((_relative(c) for c in system.constants), default=0.0)
+    stated = [(f"input {i.name}", i.name, i.unit) for i in system.logged]
+    stated += [(f"output {o.name}", o.name, o.unit) for o in system.outputs]
+    for what, name, unit in stated:
+        for other, scale in _units_of(unit):
+            if abs(math.log(scale)) > max(least, _OFF_SCALE):
+                yield _scaled(f"{what} is in {other}, and not in {unit or '1'}", name, scale)
+
+
+def _relative(constant: Constant) -> float:
+    """How far a constant may be off, as the logarithm of a scale; 0 for one about 0."""
+    return math.log1p(constant.spread / abs(constant.value)) if constant.keeps_sign else 0.0
+
+
+def _units_of(unit: str) -> Iterator[tuple[str, float]]:
+    """Units of the same dimension, and what a number in each is multiplied by."""
+    for other in _UNITS:
+        if same_dimension(other, unit) and is_angular(other) == is_angular(unit):
+            scale = float(conversion(other, unit))
+            if scale != 1.0:
+                yield other, scale
+    if same_dimension("m/s^2", unit):
+        yield _GRAVITIES, _GRAVITY * float(conversion("m/s^2", unit))
+
+
+def _scaled(words: str, name: str, scale: float) -> _Other:
+    return _Other(words, lambda c: {**c, name: scale * c[name]}, scale, name)
+
+
+def _exchanged(system: System) -> Iterator[_Other]:
+    """Every two outputs, and every two inputs, in each other's place."""
+    for what, names in (
+        ("outputs", [o.name for o in system.outputs]),
+        ("inputs", [i.name for i in system.logged]),
+    ):
+        for a, b in itertools.combinations(names, 2):
+            yield _Other(
+                f"the {what} {a} and {b} are exchanged",
+                lambda c, a=a, b=b: {**c, a: c[b], b: c[a]},  # type: ignore[misc]
+            )
+
+
+def _is_sharp(
+    system: System,
+    recordings: Sequence[Recording],
+    before: Mapping[int, FloatArray],
+    other: _Other,
+    ahead: int,
+    share: float,
+) -> bool:
+    """Whether the unit's size is what it takes: not any that makes a column small, or large."""
+    if not other.name:
+        return True
+    near = (_scaled("", other.name, k * other.scale) for k in (0.5, 2.0))
+    return all(
+        share < _SHARP * _shares(system, recordings, before, each, explains=False)[ahead]
+        for each in near
+    )
+
+
+def _shares(
+    system: System,
+    recordings: Sequence[Recording],
+    before: Mapping[int, FloatArray],
+    other: _Other,
+    *,
+    explains: bool = True,
+) -> dict[int, float]:
+    """What is left of the errors of those outputs that change, by the samples of a forecast.
+
+    Infinite where some get worse or, where it is to explain them, still are far off.
+    """
+    changed = [Recording(r.name, r.time_s, other.columns(r.columns)) for r in recordings]
+    after = _errors(system, changed)
+    return {
+        ahead: _share(off, after[ahead], explains) if ahead in after else math.inf
+        for ahead, off in before.items()
+    }
+
+
+def _share(before: FloatArray, after: FloatArray, explains: bool) -> float:
+    ratio = np.maximum(after, 1.0 / _FAR) / np.maximum(before, 1.0 / _FAR)
+    touched = np.abs(ratio - 1.0) > _UNTOUCHED
+    if not touched.any():
+        return 1.0
+    if explains and (ratio.max() > _WORSE or after[touched].max() > _EXPLAINED):
+        return math.inf
+    return float(np.exp(np.mean(np.log(ratio[touched]))))
+
+
+def _errors(system: System, recordings: Sequence[Recording]) -> dict[int, FloatArray]:
+    """How far each output (m,) is off a forecast later, in what holding its last reading is off.
+
+    By the samples of the forecast: soon an output goes on as it went, whatever drives it. The
+    median of many places, for a log may have a moment in which anything runs away. Nothing where
+    the functions of the system do not bear these numbers.
+    """
+    try:
+        model = LogModel(system, recordings)
+        acting = Acting(system, (), model.sizes)
+        with np.errstate(all="ignore"):
+            return {
+                ahead: _off(model, acting, ahead)
+                for ahead in (k * model.horizon for k in _LONGER)
+                if ahead <= _FARTHEST and len(_places(model, ahead)) >= _FEWEST_PLACES
+            }
+    except UnusableInput:
+        return {}
+
+
+def _off(model: LogModel, acting: Acting, ahead: int) -> FloatArray:
+    at = _places(model, ahead)
+    shown = model.filter.advanced(acting, {"nothing": np.zeros(1)}, at, ahead)
+    found = []
+    for measured, told in zip(_outputs(model), shown, strict=True):
+        later = measured[at + ahead]
+        known = np.isfinite(later)
+        off = np.nan_to_num(np.abs(told - later)[known], nan=np.inf)
+        held = np.abs(_held(measured)[at] - later)[known]
+        scale = max(float(np.median(held)), float(np.nanstd(measured)) / _FAR) if len(held) else 0.0
+        found.append(min(float(np.median(off)) / scale, _FAR) if scale else 1.0)
+    return np.array(found)
+
+
+def _places(model: LogModel, ahead: int) -> IntArray:
+    """Samples (S,) after which so many are left of the log."""
+    ends = np.cumsum([0, *(log.outputs.shape[1] for log in model.logs)])
+    each = [np.arange(a, b - ahead) for a, b in itertools.pairwise(ends)]
+    free = np.concatenate(each).astype(np.int64)
+    count = _DEAR_PLACES if model.system.costs_by_point else _PLACES
+    return free[
+        np.unique(np.linspace(0, max(len(free) - 1, 0), count).astype(np.int64))[: len(free)]
+    ]
+
+
+def _outputs(model: LogModel) -> FloatArray:
+    return np.concatenate([log.outputs for log in model.logs], axis=1)
+
+
+def _held(measured: FloatArray) -> FloatArray:
+    """The newest reading at each sample, and the first before it."""
+    known = np.isfinite(measured)
+    newest = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    return np.asarray(measured[np.where(newest < 0, int(np.argmax(known)), newest)])
+
+
+def _beginning(recording: Recording) -> Recording:
+    columns = {name: values[:_ROWS] for name, values in recording.columns.items()}
+    return Recording(recording.name, recording.time_s[:_ROWS], columns)
+
+
+# --- by positions and their speeds
+
+
+def _of_speeds(model: LogModel) -> list[str]:
+    """Positions that do not go on as the output says that shows their speed."""
+    notes = []
+    names = [o.name for o in model.system.outputs]
+    shown = {state: name for name, state in model.system.shown_states().items()}
+    ways = {name: _ways(model, k) for k, name in enumerate(names)}
+    for state, rate in model.system.kinematic().items():
+        place, speed = shown.get(state), shown.get(rate)
+        if place is None or speed is None:
+            continue
+        way, own = ways[place][0], ways[speed][1]
+        if _unexplained(way, own) < _DOES_NOT:
+            continue
+        better = [n for n in names if n != place and _unexplained(way, ways[n][1]) < _GOES_ON]
+        if _unexplained(ways[speed][0], ways[place][1]) < _GOES_ON:
+            notes.append(
+                f"output {speed} goes on as {place} says, as if that were its speed: are the two "
+                "columns exchanged?"
+            )
+        elif better:
+            notes.append(
+                f"output {place} goes on as {' and '.join(better)} says, and not as {speed}, which "
+                "the system has as its speed: are columns exchanged?"
+            )
+        else:
+            notes += _of_scale(model, place, speed, way, own)
+    return notes
+
+
+def _ways(model: LogModel, k: int) -> tuple[FloatArray, FloatArray]:
+    """How far an output goes over a forecast (S,), and its sum over time meanwhile."""
+    at, ahead = _places(model, model.horizon), model.horizon
+    measured = _outputs(model)[k]
+    there = np.arange(len(measured))
+    known = np.isfinite(measured)
+    filled = np.interp(there, there[known], measured[known])
+    summed = np.concatenate([[0.0], np.cumsum(0.5 * (filled[1:] + filled[:-1]))]) * model.dt_s
+    return filled[at + ahead] - filled[at], summed[at + ahead] - summed[at]
+
+
+def _unexplained(way: FloatArray, by: FloatArray) -> float:
+    """What is left of a way, in root mean squares, by what a speed says; infinite for no way."""
+    size = float(np.sqrt(np.mean(way**2))) if len(way) else 0.0
+    return float(np.sqrt(np.mean((way - by) ** 2))) / size if size else math.inf
+
+
+def _of_scale(
+    model: LogModel, place: str, speed: str, way: FloatArray, own: FloatArray
+) -> list[str]:
+    """A position and a speed that go together by another scale than 1."""
+    sizes = float(np.sqrt(np.sum(way**2) * np.sum(own**2)))
+    alike = float(np.sum(way * own)) / sizes if sizes else 0.0
+    if alike < _ALIKE:
+        return []
+    scale = float(np.sqrt(np.sum(way**2) / np.sum(own**2)))
+    units = {o.name: o.unit for o in model.system.outputs}
+    likely = [
+        f"{name} is in {other}"
+        for name, wanted in ((place, 1.0 / scale), (speed, scale))
+        for other, factor in _units_of(units[name])
+        if abs(math.log(factor / wanted)) < _OFF_SCALE
+    ]
+    if not likely:
+        return []
+    return [
+        f"output {place} goes {scale:.3g} times as far as its speed, {speed}, says, as if "
+        f"{' or '.join(likely)}: is each column's unit right?"
+    ]
