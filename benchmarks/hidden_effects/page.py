@@ -67,6 +67,7 @@ def markdown_of(summary: Summary, figure_name: str = "", lines_name: str = "") -
         else "",
         "## Right answers against strength\n\n" + _by_nats(summary["by_nats"]),
         "## Plants\n\n" + _plants(summary),
+        _by_commit(summary["by_commit"]),
         "## Coverage of 90 % intervals\n\n"
         + _coverage(summary["coverage_fitted"], summary["coverage_named"]),
         _belief(summary["belief"]),
@@ -160,6 +161,28 @@ def _plants(summary: Summary) -> str:
         for plant in summary["by_plant"]
     ]
     return table(["plant", "right from 15 nats", "false alarms"], rows)
+
+
+def _by_commit(rates: Mapping[str, Mapping[str, Any]]) -> str:
+    """The same rates for the cases of each commit, where there are several."""
+    if len(rates) < 2:
+        return ""
+    keys = ("right_from_50_nats", "right_15_to_50_nats", "false_alarms", "unknown_outside")
+    rows = [
+        [
+            commit or "no commit",
+            str(of_it["cases"]),
+            *(f"{of_it[key]['count']} of {of_it[key]['of']}" for key in keys),
+            "–" if of_it["seconds"] is None else f"{of_it['seconds']['mean']:.0f}",
+            f"{of_it['longest_seconds']:.0f}",
+        ]
+        for commit, of_it in rates.items()
+    ]
+    head = ["commit", "cases", "right from 50 nats", "15 to 50", "false alarms", "outside, unknown"]
+    return (
+        "## Commits\n\nCases are asked in an order in which any first part is a fair sample.\n\n"
+        + table([*head, "seconds, mean", "longest"], rows)
+    )
 
 
 def _coverage(fitted: Mapping[str, Any], named: Mapping[str, Any]) -> str:

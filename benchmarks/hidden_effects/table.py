@@ -37,14 +37,21 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
     weak = [line for line in singles if 15.0 <= (line.get("nats") or 0.0) < 50.0]
     none = [line for line in lines if line["kind"] == "none"]
     outside = [line for line in lines if line["kind"] == "outside"]
+    commits = sorted({line.get("commit", "") for line in lines})
     return {
-        "commits": sorted({line.get("commit", "") for line in lines}),
+        "commits": commits,
+        "by_commit": {
+            commit: {
+                "cases": len(of_it := [line for line in lines if line.get("commit", "") == commit]),
+                "seconds": spread(line["seconds"] for line in of_it),
+                "longest_seconds": max((line["seconds"] or 0.0 for line in of_it), default=0.0),
+                **rates_with_a_bar(of_it),
+            }
+            for commit in commits
+        },
         "cases": dict(Counter(line["kind"] for line in lines)),
         "errors": {line["name"]: line["error"] for line in lines if "error" in line},
-        "right_from_50_nats": _rate(line["right"] for line in strong),
-        "right_15_to_50_nats": _rate(line["right"] for line in weak),
-        "false_alarms": _rate(line["verdict"] != "none" for line in none),
-        "unknown_outside": _rate(line["right"] for line in outside),
+        **rates_with_a_bar(lines),
         "unknown_outside_from_15_nats": _rate(
             line["right"] for line in outside if (line.get("nats") or 0.0) >= 15.0
         ),
@@ -77,6 +84,20 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
         "seconds": spread(line["seconds"] for line in lines),
         "tracking": tracking(lines),
         "confusion": confusion(lines),
+    }
+
+
+def rates_with_a_bar(lines: Sequence[Line]) -> dict[str, dict[str, Any]]:
+    """How often single effects are named, nothing is found where nothing is, and so on."""
+    singles = [(line.get("nats") or 0.0, line) for line in lines if line["kind"] == "effect"]
+    none = [line for line in lines if line["kind"] == "none"]
+    return {
+        "right_from_50_nats": _rate(line["right"] for nats, line in singles if nats >= 50.0),
+        "right_15_to_50_nats": _rate(
+            line["right"] for nats, line in singles if 15.0 <= nats < 50.0
+        ),
+        "false_alarms": _rate(line["verdict"] != "none" for line in none),
+        "unknown_outside": _rate(line["right"] for line in lines if line["kind"] == "outside"),
     }
 
 

@@ -100,6 +100,16 @@ def test_a_confidence_is_held_against_how_often_it_was_right() -> None:
     assert "How sure" not in markdown_of(summary([line(case)]))
 
 
+def test_answers_of_two_commits_are_also_counted_apart():
+    cases = [c for c in all_cases() if c.kind == "none"][:3]
+    old = [line(c, verdict="none", commit="a", seconds=70.0) for c in cases[:2]]
+    new = line(cases[2], verdict="named", commit="b", seconds=20.0)
+    page = markdown_of(summary([*old, new]))
+    assert "| a | 2 | 0 of 0 | 0 of 0 | 0 of 2 | 0 of 0 | 70 | 70 |" in page
+    assert "| b | 1 | 0 of 0 | 0 of 0 | 1 of 1 | 0 of 0 | 20 | 20 |" in page
+    assert "## Commits" not in markdown_of(summary(old))
+
+
 def test_the_share_closed_is_of_squares_above_the_floor() -> None:
     channel = {"before": 5.0, "after": 4.0, "noise_floor": 3.0}
     given = answer("named", "a") | {"gap": {"height 0.25 s ahead": channel}}
