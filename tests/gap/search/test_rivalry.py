@@ -123,10 +123,24 @@ def test_what_every_block_finds_worse_is_no_rival():
     assert _told(lag, gain) == ["lag@u"]
 
 
+@pytest.mark.parametrize(("little", "told"), [(0.05, ["lag@u"]), (1.2, ["lag@u", "gain@u"])])
+def test_what_explains_next_to_nothing_is_no_rival_of_what_a_few_blocks_show(little, told):
+    lag = _verdict("lag@u", ACCEPTED, [30.0, 0.5, 15.0, -0.5], 1.0)
+    gain = _verdict("gain@u", HARDLY, [little, 0.0, 2 * little, little], 1.01)
+    assert _told(lag, gain) == told
+
+
 def test_forecasts_tell_apart_what_blocks_do_not():
     gains = [4.0, 1.0, 5.0, 2.0]
     members = [_verdict(n, ACCEPTED, gains, e) for n, e in (("a", 1.0), ("bb", 1.01), ("ccc", 2.0))]
     assert [v.candidate.name for v in undecided(_Offering(), members)] == ["a", "bb"]
+
+
+def test_a_trifle_tells_no_forecasts_apart_however_sure_it_is():
+    gains = [4.0, 1.0, 5.0, 2.0]
+    errors = ("a", 1.0), ("b", 1.002), ("c", 1.02)  # each off by the same share in every stretch
+    members = [_verdict(n, ACCEPTED, gains, e) for n, e in errors]
+    assert [v.candidate.name for v in undecided(_Offering(), members)] == ["a", "b"]
 
 
 @pytest.mark.parametrize(("size", "something"), [(0.0, False), (0.6, True)])

@@ -3,7 +3,8 @@
 In: candidates with what each gains on every block, and the squared errors of their forecasts. Out:
 the class that an answer has to name. A rival need neither improve forecasts enough to be named
 itself nor gain more than chance: what counts is whether the recordings tell it from the one
-that would be named.
+that would be named. But what explains next to nothing is no rival: by then it has been decided that
+something is missing.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,8 @@ from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.weighing import Weight, crossed, weight_of
+
+_NEXT_TO_NOTHING = 0.1  # share of the best's gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +39,12 @@ def rivals_with(best: Candidate, other: Candidate) -> bool:
     """Whether blocks do not agree that the best gains more than another.
 
     What priors say of the parameters that each needs, mostly of bent constants, counts as well, and
-    has no spread.
+    has no spread. Where a few blocks bring most of the best's gain, they hardly tell it from no
+    effect either; so one that gains next to nothing is no rival, whatever the blocks' spread.
     """
+    least = min(RULES.least_nats, _NEXT_TO_NOTHING * best.gain_nats)
+    if other.gain_nats < least <= best.gain_nats - RULES.class_nats:
+        return False
     apart, count = best.gains - other.gains, len(best.gains)
     reach = 0.0
     if count > 1:
@@ -52,7 +59,9 @@ def rivals_with(best: Candidate, other: Candidate) -> bool:
 def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
     """The candidates that forecasts cannot tell apart either, of those that blocks cannot.
 
-    Stretches are compared in pairs with those of the one that forecasts best.
+    Stretches are compared in pairs with those of the one that forecasts best. A trifle tells none
+    apart, however sure it is: where noise is small, the same law in other words forecasts a little
+    better in every stretch.
     """
     squares = [_squares(model, v) for v in members]
     usual = np.where(squares[0].sum(0) > 0.0, squares[0].sum(0), 1.0)
@@ -60,8 +69,13 @@ def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
     return [
         v
         for v, squared in zip(members, squares, strict=True)
-        if squared is best or not weight_of(squared, best).low > 0.0
+        if squared is best or not _is_told_apart(weight_of(squared, best))
     ]
+
+
+def _is_told_apart(removed: Weight) -> bool:
+    """Whether the best one's forecasts are surely better, and by as much as matters."""
+    return removed.low > 0.0 and removed.share >= RULES.least_share
 
 
 def is_absent(fitted: Fit, name: str) -> bool:

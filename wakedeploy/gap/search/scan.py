@@ -133,8 +133,8 @@ def _lookalikes(
 
     Where constants have bent to what is missing, a candidate's promise at 0, and where a race
     leaves it, say little of its summit. One that is late as the leader is starts as late, or twice
-    as late, as a second-order lag is by its time. At the leader's port a candidate is always asked:
-    at first a delay changes just what its input's clock does, and so promises nothing.
+    as late, as a second-order lag is by its time; it need promise nothing, as at first a delay
+    changes just what an input's clock does. At the leader's port it is always asked.
     """
     if not ends:
         return {}
@@ -147,7 +147,7 @@ def _lookalikes(
         known = seen.name in ends
         is_late = late is not None and any(f.unit == "s" for f in _parameters_of_last(seen.fit))
         is_twin = is_late and seen.name.partition("@")[2] == best.partition("@")[2]
-        if seen is lead or not (is_twin or (seen.promised > 0.0 and (is_late or not known))):
+        if seen is lead or not (is_late or (seen.promised > 0.0 and not known)):
             continue
         likeness = 1.0 if is_twin else _likeness(ground, lead, seen)
         if likeness > (_BOTH_LATE if is_late else _ALIKE):
@@ -266,7 +266,9 @@ def simpler(
 ) -> Candidate:
     """A simpler kind at the same port, if it gains nearly as much; else the best.
 
-    It is one of `others`, or is fitted from the best one's point.
+    It is one of `others`, or is fitted from the best one's point. If that gains too little, it is
+    climbed to the end, also from where its own fit stopped: a race leaves what falls behind on the
+    way, and it would lose its name to a law that only has more to it.
     """
     known = {other.name: other for other in others}
     least = RULES.simpler_share * best.gain_nats
@@ -278,7 +280,12 @@ def simpler(
         values = {n.replace(f"{best.name}.", f"{name}."): best.fit.value(n) for n in best.fit.names}
         hypothesis = (*base.hypothesis, name)
         start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
-        simple = candidate(base, name, climbed(model, begun(model, hypothesis, base, start)))
+        fitted = climbed(model, begun(model, hypothesis, base, start))
+        simple = candidate(base, name, fitted)
+        if simple.gain_nats >= least:
+            return simple
+        points = [start, *([known[name].fit.theta] if name in known else [])]
+        simple = candidate(base, name, to_the_end(model, base, points, fitted))
         if simple.gain_nats >= least:
             return simple
     return best
