@@ -255,13 +255,22 @@ def _from_calibration(
     climbed = [*chosen, *others]
     for done, i in enumerate(climbed, 1):
         for _, theta in sizes[i][: _summits(fits[i], candidates[i])]:
-            best = max(f.objective for f in fits)
-            least = max(fits[i].objective, best - _CONTENDERS_NATS)
-            near = fit(model, fits[i].hypothesis, base.episodes[:GLANCED_AT], theta)
+            best = max(fits, key=_objective)
+            glanced = max(_glanced(fits[i]), _glanced(best) - _CONTENDERS_NATS)
+            some = base.episodes[:GLANCED_AT]
+            near = fit(model, fits[i].hypothesis, some, theta, least=glanced)
+            if near.objective < glanced:  # although it was fitted to these flights alone
+                continue
+            least = max(fits[i].objective, best.objective - _CONTENDERS_NATS)
             again = fit(model, near.hypothesis, base.episodes, near.theta, least=least)
             fits[i] = max(fits[i], again, key=_objective)
         steps(done, len(climbed))
     return fits
+
+
+def _glanced(fitted: Fit) -> float:
+    """What the objective is of the first flights alone, at which a first look is taken."""
+    return float(fitted.per_episode[:GLANCED_AT].sum()) + fitted.log_prior
 
 
 def _summits(fitted: Fit, name: str) -> int:
