@@ -1,8 +1,11 @@
 """What the first screen says of an answer: which outputs gain, which lose, in plain words."""
 
+from typing import Any
+
 import pytest
 
 from tests.gap.report.test_system_page import result
+from wakedeploy.gap.search.outcome import HARDLY
 from wakedeploy.gap.systems.answers.words import first_screen, sentences
 
 LAG = "lag@steer_rad"
@@ -122,9 +125,7 @@ MOVED = {
 }
 
 
-def ranked(
-    gains: dict[str, float], given: list[str], needed_nats: float = 5.0
-) -> dict[str, object]:
+def ranked(gains: dict[str, float], given: list[str], needed_nats: float = 5.0) -> dict[str, Any]:
     ranking = [
         {
             "name": n,
@@ -158,6 +159,18 @@ def test_a_gain_that_stands_unnamed_beside_it_may_be_what_moved_it() -> None:
     )
     quiet = [ranked({"sensor-gain@gyro": 0.4}, [])]
     assert "Or it stands" not in sentences(result(**MOVED, rounds=quiet))[0]
+
+
+def test_what_was_tried_beside_an_effect_that_is_not_named_hides_that_one_not() -> None:
+    """A stop that is evident, and what was evident beside the stop alone."""
+    rounds = [ranked({LAG: 90.0}, []), ranked({"stop@v": 80.0}, [LAG])]
+    rounds.append(ranked({"offset@v": 40.0}, [LAG, "stop@v"]))
+    for searched in rounds[1:]:
+        searched["ranking"][0]["judged"] = HARDLY
+    effects = [{"name": LAG, "parameters": {}, "forecast": SHARE}]
+    screen = " ".join(sentences(result(effects=effects, rounds=rounds)))
+    assert f"Not named: stop@v: {HARDLY}." in screen
+    assert "offset@v" not in screen
 
 
 @pytest.mark.parametrize(("needed_nats", "clear"), [(2.0, True), (5.0, False)])

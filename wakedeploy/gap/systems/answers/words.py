@@ -130,7 +130,7 @@ def _lacking(answer: Answer) -> str:
     if answer.is_outdone:
         return (
             "The system forecasts no better than its outputs' last readings or their means: its "
-            "equations are wrong by more than an effect."
+            "equations are wrong by more than an effect, or these logs hardly move it."
         )
     if answer.rivals:
         rivals = listed([plain(name) for name in answer.rivals])
@@ -205,7 +205,10 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
             f"the command below that log is called {FURTHER_LOG}."
         )
     if result.is_outdone:
-        return "Check equations, units and signs: see what each constant moves."
+        return (
+            "Check equations, units and signs: see what each constant moves. If the outputs stay "
+            "nearly where they are, record logs in which they move more."
+        )
     if result.verdict == "unknown":
         return unknown_step(result)
     how_small = "How small an effect these logs would show, `gap power` says."
@@ -312,12 +315,18 @@ def _signed(value: float) -> str:
 
 
 def _rejected(answer: Answer) -> list[str]:
-    """What the last round found evident but did not name, and why; and what was withdrawn."""
+    """What was evident beside what is named, but is not named itself, and why; what was withdrawn.
+
+    A later round may have tried effects beside one that is not named; it says nothing of an answer
+    without that one.
+    """
     if not answer.rounds:
         return []
+    named = {effect.name for effect in answer.effects}
+    beside = [searched for searched in answer.rounds if named.issuperset(searched.given)]
     judged = {
         effect.name: effect.judged
-        for effect in answer.rounds[-1].ranking[:_MOST_RANKED]
+        for effect in (beside or answer.rounds)[-1].ranking[:_MOST_RANKED]
         if effect.judged not in ("", ACCEPTED, CHANCE)
     }
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)
