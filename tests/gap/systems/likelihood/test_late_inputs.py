@@ -88,6 +88,22 @@ def test_an_input_that_comes_after_what_it_drives_is_late(late, told):
     assert late_inputs(made, fitted_base(made)) == pytest.approx(told)
 
 
+@pytest.mark.parametrize("late", [0, 4])
+def test_inputs_that_a_controller_moves_together_are_late_together_or_not_at_all(late):
+    rng = np.random.default_rng(7)
+    common = np.repeat(rng.normal(0.0, 2.0, 45), 20)
+    turning = np.repeat(rng.normal(0.0, 4.0, 225), 4)
+    left, right = common + turning, common - turning
+    keep, speed = np.exp(-1.0 / MASS_KG / RATE_HZ), np.zeros(len(left))
+    for k in range(len(left) - 1):
+        speed[k + 1] = keep * speed[k] + (1.0 - keep) * (left[k] + right[k])
+    columns = {"motor_n": _late(left, late), "wind_n": _late(right, late)}
+    columns["speed_mps"] = speed + 2e-3 * rng.standard_normal(len(speed))
+    made = LogModel(Wagon(), [Recording("made", np.arange(len(left)) / RATE_HZ, columns)])
+    told = {"motor_n": late / RATE_HZ, "wind_n": late / RATE_HZ} if late else {}
+    assert late_inputs(made, fitted_base(made)) == pytest.approx(told)
+
+
 class Pod(System):
     """A thruster pod on a slide, whose drag in water nobody has written."""
 
