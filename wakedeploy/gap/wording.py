@@ -19,6 +19,7 @@ DETAILS = "In detail:"  # what comes before it needs no statistics
 _LARGEST = 1e15
 _SMALL = 0.2  # below this, seconds and metres read better in thousandths
 _THOUSANDTHS = {"s": "ms", "m": "mm"}
+_WIDEST = 100.0  # intervals that span more orders of magnitude get no further digits
 _MOST_DECIMALS = 7  # smaller numbers are written with an exponent
 _DIMENSIONLESS = ("", "1", "-", "–")
 _SIGNS = {r"\bus\b": "µs", r"\^2": "²", r"\^3": "³"}
@@ -71,6 +72,8 @@ def measured(value: Any, low: Any, high: Any, unit: str) -> str:
         return quantity(value, unit)
     factor, shown = scale_of([known, bottom, top], unit)
     spread = factor * (top - bottom) / 2 or factor * abs(known)
+    if bottom * top > 0.0:  # an end far nearer to 0 than to the other one would read "0.00"
+        spread = min(spread, max(factor * min(abs(bottom), abs(top)), spread / _WIDEST))
     middle, first, last = (_digits(factor * each, spread) for each in (known, bottom, top))
     return f"{_with_unit(middle, shown)} ({first} to {last})"
 
