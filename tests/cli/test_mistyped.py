@@ -220,6 +220,7 @@ def test_a_value_without_an_option_is_answered_with_its_option(line: str, told: 
 
 def test_a_value_that_no_option_has_is_told_alone_and_help_is_help() -> None:
     assert "'all' stands without an option.\n" in typed("gap close all --out g").stderr
+    assert "'0.5' stands without an option.\n" in typed("gap power 0.5 --out g").stderr
     assert "'arm.xml' stands without an option.\n" in typed("gap close arm.xml --out g").stderr
     assert "Find, name, add and show" in typed("gap close my_robot.py --help").output
 

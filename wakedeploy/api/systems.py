@@ -139,6 +139,7 @@ def take(
     with at_work(made(out)):
         folder = OwnFolder(model, out, progress, only)
         if not folder.is_found:
+            progress("reading columns in other units")
             for note in misread(model):
                 warn(note)
         artefact = run(folder, step)

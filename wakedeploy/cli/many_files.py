@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 _SYSTEM = re.compile(r"\.py(:\w+)?$")  # a file, or one of its classes
+_NUMBER = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
 _EFFECT = re.compile(r"[a-z-]+@\w+")
 
 
@@ -69,6 +70,6 @@ def _meant(value: str, args: Sequence[str]) -> list[str]:
         return ["--mjcf"]  # a model of MuJoCo, which one command alone takes
     if _EFFECT.fullmatch(value):
         return ["--effect", "--class"]
-    if "." in value or Path(value).exists():
+    if ("." in value and not _NUMBER.fullmatch(value)) or Path(value).exists():
         return ["--measured"]
     return []

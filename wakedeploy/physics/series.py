@@ -415,7 +415,7 @@ def smoothed(
 def _solved(p: FloatArray, r0: float, r1: float, r2: float) -> FloatArray:
     """p⁻¹·r of a covariance (3, 3), by Cholesky's factors: numpy's way takes ten times as long."""
     tiny = 1e-14
-    l00 = math.sqrt(p[0, 0] + tiny)
+    l00 = math.sqrt(max(p[0, 0] + tiny, tiny))
     l10, l20 = p[1, 0] / l00, p[2, 0] / l00
     l11 = math.sqrt(max(p[1, 1] + tiny - l10 * l10, tiny))
     l21 = (p[2, 1] - l20 * l10) / l11

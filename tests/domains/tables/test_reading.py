@@ -250,6 +250,15 @@ def test_a_part_of_a_recording_that_begins_behind_midnight_is_of_the_next_day(
     assert [note for note in read.notes if "x.csv: its times of day begin after midnight" in note]
 
 
+def test_a_form_of_stamps_that_are_not_there_is_not_asked_for(tmp_path: Path) -> None:
+    """Rows at a rate have no clock that could pass midnight."""
+    path = tmp_path / "log.csv"
+    path.write_text("u\n" + "\n".join(map(str, range(20))) + "\n")
+    text = BASE.replace('column = "t"\n', "rate_hz = 10\n") + 'format = "%H:%M:%S.%f"\n' + U
+    (recording,) = reading(path, text).recordings
+    assert recording.time_s[-1] == pytest.approx(1.9)
+
+
 def test_a_part_that_was_recorded_on_its_own_stays_where_it_is(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()

@@ -204,7 +204,7 @@ class FileReader:
                 lengths[key] = longest
             elif key not in found:
                 found[key] = self._clock(place, raw[id(place.log), place.clock.address])
-        if is_time_of_day(self.columns.time.format):
+        if found and is_time_of_day(self.columns.time.format):
             found = self._past_midnight(places, found)
         starts = [whole_start_s(values, seconds) for values, seconds in found.values()]
         origin = origin_s([start for start in starts if start is not None])

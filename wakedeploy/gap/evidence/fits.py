@@ -116,7 +116,7 @@ def scores_of(
         return found
     # Set after set of one episode: a model keeps what of an episode many sets share.
     of_each = [[model.score(hypothesis, theta, e) for theta in thetas] for e in episodes]
-    return list(zip(*of_each, strict=True))
+    return [tuple(of_episode[k] for of_episode in of_each) for k in range(len(thetas))]
 
 
 def sets_at_once(model: Model, episodes: Sequence[int]) -> int:

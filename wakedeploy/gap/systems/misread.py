@@ -5,10 +5,11 @@ dimension, and each two are exchanged; what counts is how far the system, with i
 stated, is off a forecast later, and whether a position goes on as its measured speed says.
 """
 
+import copy
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.blocks import IntArray
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import Constant, System
+from wakedeploy.gap.systems.system import Constant, Output, System
 
 _UNITS = (
     "m", "cm", "mm", "in", "ft", "rad", "deg", "rev", "rad/s", "deg/s", "rpm", "rps", "m/s", "cm/s",
@@ -29,6 +30,7 @@ _UNITS = (
 )  # fmt: skip
 _GRAVITIES, _GRAVITY = "g, 9.81 m/s²", 9.80665
 _ROWS, _LOGS, _PLACES, _DEAR_PLACES = 3000, 2, 200, 40  # that are looked at
+_FEWEST_ROWS, _AT_FULL_LENGTH = 500, 12  # of rows; more readings than these see fewer of them
 _LONGER, _FARTHEST = (1, 4), 400  # times a forecast, and samples
 _FEWEST_PLACES = 20
 _WELL = 0.1  # of what holding the last reading leaves: a system that is off by less reads well
@@ -69,16 +71,18 @@ def misread(model: LogModel) -> list[str]:
 
 def _of_forecasts(model: LogModel) -> list[str]:
     """The readings under which errors of forecasts all but vanish, the best and those as good."""
-    system, recordings = model.system, [_beginning(r) for r in model.recordings[:_LOGS]]
-    before = _errors(system, recordings)
-    others = [*_in_other_units(system), *_exchanged(system)] if _is_off(before) else []
-    each = [(_shares(system, recordings, before, other), other) for other in others]
+    logs = _Logs.of(model)
+    system, before = logs.system, logs.errors()
+    others = [*_in_other_units(system, before), *_exchanged(system, before)]
+    if len(others) > _AT_FULL_LENGTH:
+        logs = logs.shortened(_AT_FULL_LENGTH / len(others))
+        before = logs.errors()
+    each = [(_shares(logs, before, other), other) for other in others]
     for ahead in sorted(before):
         left = [
             (shares[ahead], other)
             for shares, other in each
-            if shares[ahead] < _HALF
-            and _is_sharp(system, recordings, before, other, ahead, shares[ahead])
+            if shares[ahead] < _HALF and _is_sharp(logs, before, other, ahead, shares[ahead])
         ]
         best = min((share for share, _ in left), default=1.0)
         words = [other.words for share, other in left if share <= _AS_GOOD * best]
@@ -91,16 +95,71 @@ def _of_forecasts(model: LogModel) -> list[str]:
     return []
 
 
-def _is_off(errors: Mapping[int, FloatArray]) -> bool:
-    """Whether some forecast is off by so much that a column may be read wrongly."""
-    return any(float(off.max()) > _WELL for off in errors.values())
+@dataclass(frozen=True)
+class _Logs:
+    """What is looked at: a system, the beginnings of logs, and how many places in each look."""
+
+    system: System
+    recordings: tuple[Recording, ...]
+    places: int
+
+    @classmethod
+    def of(cls, model: LogModel) -> "_Logs":
+        """A model's first logs; its system without ports, as to offer effects takes long."""
+        system = copy.copy(model.system)
+        system.ports = ()  # type: ignore[misc]
+        recordings = tuple(_beginning(r, _ROWS) for r in model.recordings[:_LOGS])
+        return cls(system, recordings, _DEAR_PLACES if system.costs_by_point else _PLACES)
+
+    def shortened(self, share: float) -> "_Logs":
+        """Less of them, where much is to be tried."""
+        rows = max(round(share * _ROWS), _FEWEST_ROWS)
+        recordings = tuple(_beginning(r, rows) for r in self.recordings)
+        return replace(
+            self, recordings=recordings, places=max(round(share * self.places), _DEAR_PLACES)
+        )
+
+    def read_as(self, other: "_Other") -> "_Logs":
+        """The same, read otherwise."""
+        read = [Recording(r.name, r.time_s, other.columns(r.columns)) for r in self.recordings]
+        return replace(self, recordings=tuple(read))
+
+    def errors(self) -> dict[int, FloatArray]:
+        """How far each output (m,) is off a forecast later, in what its last reading is off.
+
+        By the samples of the forecast: soon an output goes on as it went, whatever drives it. The
+        median of many places, for a log may have a moment in which anything runs away. Nothing
+        where the functions of the system do not bear these numbers.
+        """
+        try:
+            model = LogModel(self.system, self.recordings)
+            acting = Acting(self.system, (), model.sizes)
+            with np.errstate(all="ignore"):
+                return {
+                    ahead: _off(model, acting, at, ahead)
+                    for ahead in (k * model.horizon for k in _LONGER)
+                    if ahead <= _FARTHEST
+                    and len(at := _places(model, ahead, self.places)) >= _FEWEST_PLACES
+                }
+        except UnusableInput:
+            return {}
 
 
-def _in_other_units(system: System) -> Iterator[_Other]:
-    """Each column in each unit in which it may have been logged, beyond what constants allow."""
+def _are_off(system: System, errors: Mapping[int, FloatArray]) -> list[Output]:
+    """The outputs with a forecast that is off by so much that a column may be read wrongly."""
+    worst = np.max([*errors.values()], axis=0) if errors else np.zeros(len(system.outputs))
+    return [o for o, off in zip(system.outputs, worst, strict=True) if off > _WELL]
+
+
+def _in_other_units(system: System, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
+    """Columns in units in which they may have been logged, beyond what constants allow.
+
+    Of outputs only those that are off; of inputs all, if any output is.
+    """
     least = _SPREADS * max((_relative(c) for c in system.constants), default=0.0)
-    stated = [(f"input {i.name}", i.name, i.unit) for i in system.logged]
-    stated += [(f"output {o.name}", o.name, o.unit) for o in system.outputs]
+    off = _are_off(system, errors)
+    stated = [(f"input {i.name}", i.name, i.unit) for i in system.logged if off]
+    stated += [(f"output {o.name}", o.name, o.unit) for o in off]
     for what, name, unit in stated:
         for other, scale in _units_of(unit):
             if abs(math.log(scale)) > max(least, _OFF_SCALE):
@@ -127,11 +186,12 @@ def _scaled(words: str, name: str, scale: float) -> _Other:
     return _Other(words, lambda c: {**c, name: scale * c[name]}, scale, name)
 
 
-def _exchanged(system: System) -> Iterator[_Other]:
-    """Every two outputs, and every two inputs, in each other's place."""
+def _exchanged(system: System, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
+    """Every two outputs that are off, and every two inputs, in each other's place."""
+    off = _are_off(system, errors)
     for what, names in (
-        ("outputs", [o.name for o in system.outputs]),
-        ("inputs", [i.name for i in system.logged]),
+        ("outputs", [o.name for o in off]),
+        ("inputs", [i.name for i in system.logged if off]),
     ):
         for a, b in itertools.combinations(names, 2):
             yield _Other(
@@ -141,37 +201,23 @@ def _exchanged(system: System) -> Iterator[_Other]:
 
 
 def _is_sharp(
-    system: System,
-    recordings: Sequence[Recording],
-    before: Mapping[int, FloatArray],
-    other: _Other,
-    ahead: int,
-    share: float,
+    logs: _Logs, before: Mapping[int, FloatArray], other: _Other, ahead: int, share: float
 ) -> bool:
     """Whether the unit's size is what it takes: not any that makes a column small, or large."""
     if not other.name:
         return True
     near = (_scaled("", other.name, k * other.scale) for k in (0.5, 2.0))
-    return all(
-        share < _SHARP * _shares(system, recordings, before, each, explains=False)[ahead]
-        for each in near
-    )
+    return all(share < _SHARP * _shares(logs, before, each, explains=False)[ahead] for each in near)
 
 
 def _shares(
-    system: System,
-    recordings: Sequence[Recording],
-    before: Mapping[int, FloatArray],
-    other: _Other,
-    *,
-    explains: bool = True,
+    logs: _Logs, before: Mapping[int, FloatArray], other: _Other, *, explains: bool = True
 ) -> dict[int, float]:
     """What is left of the errors of those outputs that change, by the samples of a forecast.
 
     Infinite where some get worse or, where it is to explain them, still are far off.
     """
-    changed = [Recording(r.name, r.time_s, other.columns(r.columns)) for r in recordings]
-    after = _errors(system, changed)
+    after = logs.read_as(other).errors()
     return {
         ahead: _share(off, after[ahead], explains) if ahead in after else math.inf
         for ahead, off in before.items()
@@ -188,28 +234,8 @@ def _share(before: FloatArray, after: FloatArray, explains: bool) -> float:
     return float(np.exp(np.mean(np.log(ratio[touched]))))
 
 
-def _errors(system: System, recordings: Sequence[Recording]) -> dict[int, FloatArray]:
-    """How far each output (m,) is off a forecast later, in what holding its last reading is off.
-
-    By the samples of the forecast: soon an output goes on as it went, whatever drives it. The
-    median of many places, for a log may have a moment in which anything runs away. Nothing where
-    the functions of the system do not bear these numbers.
-    """
-    try:
-        model = LogModel(system, recordings)
-        acting = Acting(system, (), model.sizes)
-        with np.errstate(all="ignore"):
-            return {
-                ahead: _off(model, acting, ahead)
-                for ahead in (k * model.horizon for k in _LONGER)
-                if ahead <= _FARTHEST and len(_places(model, ahead)) >= _FEWEST_PLACES
-            }
-    except UnusableInput:
-        return {}
-
-
-def _off(model: LogModel, acting: Acting, ahead: int) -> FloatArray:
-    at = _places(model, ahead)
+def _off(model: LogModel, acting: Acting, at: IntArray, ahead: int) -> FloatArray:
+    """How far each output (m,) is off after these samples (S,)."""
     shown = model.filter.advanced(acting, {"nothing": np.zeros(1)}, at, ahead)
     found = []
     for measured, told in zip(_outputs(model), shown, strict=True):
@@ -222,12 +248,11 @@ def _off(model: LogModel, acting: Acting, ahead: int) -> FloatArray:
     return np.array(found)
 
 
-def _places(model: LogModel, ahead: int) -> IntArray:
-    """Samples (S,) after which so many are left of the log."""
+def _places(model: LogModel, ahead: int, count: int) -> IntArray:
+    """Up to so many samples (S,) after which a forecast lies in the same log."""
     ends = np.cumsum([0, *(log.outputs.shape[1] for log in model.logs)])
     each = [np.arange(a, b - ahead) for a, b in itertools.pairwise(ends)]
     free = np.concatenate(each).astype(np.int64)
-    count = _DEAR_PLACES if model.system.costs_by_point else _PLACES
     return free[
         np.unique(np.linspace(0, max(len(free) - 1, 0), count).astype(np.int64))[: len(free)]
     ]
@@ -244,9 +269,9 @@ def _held(measured: FloatArray) -> FloatArray:
     return np.asarray(measured[np.where(newest < 0, int(np.argmax(known)), newest)])
 
 
-def _beginning(recording: Recording) -> Recording:
-    columns = {name: values[:_ROWS] for name, values in recording.columns.items()}
-    return Recording(recording.name, recording.time_s[:_ROWS], columns)
+def _beginning(recording: Recording, rows: int) -> Recording:
+    columns = {name: values[:rows] for name, values in recording.columns.items()}
+    return Recording(recording.name, recording.time_s[:rows], columns)
 
 
 # --- by positions and their speeds
@@ -283,7 +308,7 @@ def _of_speeds(model: LogModel) -> list[str]:
 
 def _ways(model: LogModel, k: int) -> tuple[FloatArray, FloatArray]:
     """How far an output goes over a forecast (S,), and its sum over time meanwhile."""
-    at, ahead = _places(model, model.horizon), model.horizon
+    at, ahead = _places(model, model.horizon, _PLACES), model.horizon
     measured = _outputs(model)[k]
     there = np.arange(len(measured))
     known = np.isfinite(measured)

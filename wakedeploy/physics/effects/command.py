@@ -84,7 +84,7 @@ class PwmDeadBand(Effect):
         band_us, applied_us, taken = p["band_us"], idle_us, []
         low_us, high_us = applied_us - band_us, applied_us + band_us
         for pulse_us in pulses_us.tolist():
-            if not low_us < pulse_us < high_us:
+            if pulse_us <= low_us or pulse_us >= high_us:
                 applied_us = pulse_us
                 low_us, high_us = applied_us - band_us, applied_us + band_us
             taken.append(applied_us)

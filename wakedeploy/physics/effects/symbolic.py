@@ -83,6 +83,6 @@ def _place(formula: Expression, state: Mapping[str, Number], undefined: Number) 
     first = int(np.argmax(undefined))
     values = []
     for name in sorted(formula.names & set(state)):
-        column = np.ravel(state[name])
+        column = np.atleast_1d(state[name])
         values.append(f"{name} = {column[first % len(column)]:g}")
     return "at " + ", ".join(values) if values else "anywhere"

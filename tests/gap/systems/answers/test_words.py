@@ -161,7 +161,7 @@ def test_a_gain_that_stands_unnamed_beside_it_may_be_what_moved_it() -> None:
     assert "Or it stands" not in sentences(result(**MOVED, rounds=quiet))[0]
 
 
-def test_what_was_tried_beside_an_effect_that_is_not_named_hides_that_one_not() -> None:
+def test_an_effect_that_is_not_named_is_listed_although_others_were_tried_beside_it() -> None:
     """A stop that is evident, and what was evident beside the stop alone."""
     rounds = [ranked({LAG: 90.0}, []), ranked({"stop@v": 80.0}, [LAG])]
     rounds.append(ranked({"offset@v": 40.0}, [LAG, "stop@v"]))
@@ -171,6 +171,15 @@ def test_what_was_tried_beside_an_effect_that_is_not_named_hides_that_one_not() 
     screen = " ".join(sentences(result(effects=effects, rounds=rounds)))
     assert f"Not named: stop@v: {HARDLY}." in screen
     assert "offset@v" not in screen
+
+
+def test_an_effect_that_outlived_the_first_one_is_not_listed_as_unnamed() -> None:
+    """The lag went once the stop explained it; beside nothing, the stop had hardly told."""
+    first = ranked({LAG: 90.0, "stop@v": 40.0}, [])
+    first["ranking"][1]["judged"] = HARDLY
+    rounds = [first, ranked({"stop@v": 80.0}, [LAG]), ranked({}, [LAG, "stop@v"])]
+    effects = [{"name": "stop@v", "parameters": {}, "forecast": SHARE}]
+    assert "Not named: stop@v" not in " ".join(sentences(result(effects=effects, rounds=rounds)))
 
 
 @pytest.mark.parametrize(("needed_nats", "clear"), [(2.0, True), (5.0, False)])

@@ -13,7 +13,7 @@ from wakedeploy.gap.systems.gantry.flight import DT_S, flight_from_log
 from wakedeploy.gap.systems.gantry.forces import Physics
 from wakedeploy.gap.systems.gantry.repeated_readings import likely_periods_s
 from wakedeploy.physics.constants import constants_of, with_constants
-from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
 from wakedeploy.physics.effects.chain import Chain
 
 CONSTANTS = constants_of(QUIET) | {"command.window_s": 0.0}
@@ -36,6 +36,47 @@ def flown():
 def active(name: str, **values: float):
     """One effect of the library at work."""
     return Chain({name: values})
+
+
+def of_my_own(name: str, stage: str, **methods):
+    """An effect of a stranger, who knows arrays (N,) along a flight and nothing else."""
+    share = Parameter("share", "1", scale=0.1, low=-1.0, high=1.0)
+    attributes = {"name": name, "physics": "p", "equation": "e", "stage": stage}
+    shape = type("MyOwn", (Effect,), attributes | {"parameters": (share,)} | methods)()
+    return Chain({name: {"share": 0.2}}, [shape])
+
+
+def masked(self, p, m, s):
+    """A force below half a metre, written into an array of its own."""
+    force_n, low = np.zeros_like(m.x_m), m.z_m < 0.5
+    force_n[low] = p["share"] * m.sufferer_n[low]
+    return force_n
+
+
+def test_an_effect_may_ask_for_one_motion_at_a_time(flown) -> None:
+    """By its height against others of the flight, by places in arrays, or without the air."""
+    _, physics, *_ = flown
+    plain = of_my_own(
+        "plain", "force", force_n=lambda _, p, m, s: p["share"] * m.sufferer_n * (m.z_m < 0.5)
+    )
+    expected = physics.forces(CONSTANTS, plain).acceleration
+    found = physics.forces(CONSTANTS, of_my_own("masked", "force", force_n=masked)).acceleration
+    assert np.ptp(expected[0] - physics.forces(CONSTANTS, NONE).acceleration[0]) > 0.5
+    assert found == pytest.approx(expected, rel=1e-12)
+    air = of_my_own("air", "wake", wake_mps=lambda _, p, m, s: -p["share"] * m.source_n)
+    blown = physics.forces(CONSTANTS, air)
+    inside = physics._flown
+    assert blown.wake_mps[inside] == pytest.approx(-0.2 * blown.source_n[inside], rel=1e-12)
+    mean = of_my_own(
+        "mean", "force", force_n=lambda _, p, m, s: p["share"] * (m.z_m - np.mean(m.z_m))
+    )
+    z_m = physics._flight.nominal[0, inside]
+    gained = (
+        physics.forces(CONSTANTS, mean).acceleration - physics.forces(CONSTANTS, NONE).acceleration
+    )
+    far = np.abs(physics._flight.nominal[1, inside]) > 0.1  # where friction holds nothing
+    expected = 0.2 * (z_m - z_m.mean()) / QUIET.sufferer.mass_kg
+    assert gained[0, inside][far] == pytest.approx(expected[far], abs=1e-9)
 
 
 def rms(values) -> float:

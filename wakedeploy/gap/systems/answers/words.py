@@ -331,4 +331,4 @@ def _rejected(answer: Answer) -> list[str]:
     }
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)
     judged |= {effect.name: UNSEEN_WORSE for effect in ranked if effect.judged == UNSEEN_WORSE}
-    return [f"Not named: {name}: {why}." for name, why in judged.items()]
+    return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in named]

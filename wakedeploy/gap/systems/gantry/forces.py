@@ -7,9 +7,9 @@ a fit moves one parameter at a time.
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from wakedeploy.gap.systems.gantry.flight import DT_S, Flight, FloatArray, IntAr
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, held
 from wakedeploy.gap.systems.gantry.servo_frames import period_s
 from wakedeploy.physics.constants import Constants, moved_thrust
-from wakedeploy.physics.effects import Motion
+from wakedeploy.physics.effects import Motion, Number
 from wakedeploy.physics.effects.acting import blow, motion_along, push
 from wakedeploy.physics.effects.chain import Chain, Parts, setting_of
 from wakedeploy.physics.jet import Floats, drag_force, paces, puff_count, puff_shapes
@@ -53,6 +53,7 @@ _SLIDING_MPS = 0.003  # error of a smoothed speed about zero; more bends a steep
 _RESTING_MPS = 0.006  # at a lower smoothed speed the sufferer stands as often as not
 _PASSED_S = 3.0  # a puff is gone by then, however slow the wake
 _KEPT = 3
+_MOST_WEIGHTS = 200_000  # of puffs, as numbers that are kept, three times for each flight
 _SHAPING = ("speed_mps", "speed_exponent", "diffusivity_m2ps", "decay_per_s", "width_m")
 _PUSHING = ("sufferer_n", "wake_mps", "force_n", "added_mass_kg")
 _PULSES_AVERAGED = 5
@@ -261,18 +262,21 @@ class Physics:
         root /= math.sqrt(self._rig.wake.reference_thrust_n)
         ends = air.start + 2 * np.arange(1, count + 1) - 1
         shape = _of_wake(constants)
-        pace = paces(root, shape["speed_exponent"]) if shape["speed_exponent"] != 0.0 else None
+        ages, *shapes = self._puffs(shape)
+        speed = np.full(count, shape["speed_mps"])
 
-        def weigh() -> tuple[FloatArray, object, object]:
+        def weigh() -> FloatArray:
             above = self._flight.nominal[0, ends] - self._rig.source.height_m
-            speed = np.full(count, shape["speed_mps"])
-            ages, *shapes = self._puffs(shape)
-            if pace is not None:
-                speed *= pace
-            return puff_weights(x_m[ends], above, speed, ages, *shapes), x_m, pace
+            return np.asarray(puff_weights(x_m[ends], above, speed, ages, *shapes))
 
-        # Where all puffs sink alike, their weights are the same for all thrusts.
-        weights, *_ = self._remembered("puffs", (*shape.values(), id(x_m), id(pace)), weigh)
+        if shape["speed_exponent"] != 0.0:
+            speed *= paces(root, shape["speed_exponent"])
+            weights = weigh()
+        elif count * len(ages) > _MOST_WEIGHTS:
+            weights = weigh()
+        else:  # all puffs sink alike, so that their weights are the same for all thrusts
+            key = (*shape.values(), id(x_m))
+            weights, _ = self._remembered("puffs", key, lambda: (weigh(), x_m))
         at_ends = jet_along(root, weights)  # (2, count)
         # Evaluated at the ends of pairs of steps, but wanted at the middle of each step.
         step = 0.25 * np.diff(at_ends)
@@ -342,14 +346,17 @@ class Physics:
         As `Forces` has them. The acceleration's slopes are differences between motions nearby.
         """
         # Half of a log is before take-off and after touch-down, where nobody needs the forces.
-        m = _part(motion, self._flown)
-        m.z_m, m.vz_mps = self._z_m, self._vz_mps
+        flown = _part(motion, self._flown)
         air_mps = wake[0] + wake[1] * _NEARBY[:, :1]  # (4, n)
-        air_mps = np.asarray(blow(effects, m, self._setting, air_mps))
-        wake_n = drag_force(self._rig.wake, 0.0, air_mps)
-        extra_n, added_kg = push(effects, m, self._setting, wake_n)
-        inertia_kg = self._setting.mass_kg + added_kg
-        driving_n = m.sufferer_n + wake_n + extra_n - self._weight_n
+        if any(effects.acts_on(quantity) for quantity in _PUSHING):
+            nearby = [
+                self._pushed(effects, _with(flown, z_m=z_m, vz_mps=vz_mps), air)
+                for z_m, vz_mps, air in zip(self._z_m, self._vz_mps, air_mps, strict=True)
+            ]  # one after another: an effect knows a motion's arrays as (n,) alone
+            at = _Pushed(*(_stacked(values, air_mps) for values in zip(*nearby, strict=True)))
+        else:
+            at = self._pushed(effects, _with(flown, vz_mps=self._vz_mps), air_mps)
+        driving_n = at.driving_n
         friction = rail_friction(
             self._vz_mps.ravel(),
             *self._near_rest,
@@ -363,17 +370,25 @@ class Physics:
         total_n -= self._remembered(
             "friction", form, lambda: friction_n(self._rig, constants, self._bends)
         )
-        middle, higher, faster, slower = total_n / inertia_kg
+        middle, higher, faster, slower = total_n / at.inertia_kg
         whole = np.empty((7, len(self._flight.grid_s)))
-        flown = whole[:, self._flown]
-        for row, values in enumerate((m.sufferer_n, air_mps, wake_n, inertia_kg)):
-            flown[row] = values if np.ndim(values) < 2 else np.asarray(values)[0]
-        flown[4] = middle
-        flown[5] = (higher - middle) / _DZ_M
-        flown[6] = (faster - slower) / (2 * _DV_MPS)
-        whole[:, : self._flown.start] = flown[:, :1]
-        whole[:, self._flown.stop :] = flown[:, -1:]
+        inner = whole[:, self._flown]
+        for row, values in enumerate(at[:4]):
+            inner[row] = values if np.ndim(values) < 2 else np.asarray(values)[0]
+        inner[4] = middle
+        inner[5] = (higher - middle) / _DZ_M
+        inner[6] = (faster - slower) / (2 * _DV_MPS)
+        whole[:, : self._flown.start] = inner[:, :1]
+        whole[:, self._flown.stop :] = inner[:, -1:]
         return whole[0], whole[1], whole[2], whole[3], whole[4:]
+
+    def _pushed(self, effects: Chain, m: Motion, air_mps: FloatArray) -> "_Pushed":
+        """What acts on the sufferer at a motion in moving air; `m` is changed."""
+        air = np.asarray(blow(effects, m, self._setting, air_mps))
+        wake_n = drag_force(self._rig.wake, 0.0, air)
+        extra_n, added_kg = push(effects, m, self._setting, wake_n)
+        driving_n = np.asarray(m.sufferer_n + wake_n + extra_n - self._weight_n)
+        return _Pushed(m.sufferer_n, air, wake_n, self._setting.mass_kg + added_kg, driving_n)
 
     def _reading(
         self,
@@ -435,6 +450,24 @@ class Physics:
         if len(kept) > _KEPT:
             kept.popitem(last=False)
         return result
+
+
+class _Pushed(NamedTuple):
+    """At one motion (n,) or at several (4, n): thrust, air, wake, inertia, and all but friction."""
+
+    thrust_n: Number
+    air_mps: FloatArray
+    wake_n: FloatArray
+    inertia_kg: Number
+    driving_n: FloatArray
+
+
+def _stacked(values: Sequence[Number], like: FloatArray) -> FloatArray:
+    """A quantity at several motions, numbers or arrays (n,), in the shape (4, n) of `like`."""
+    whole = np.empty_like(like)
+    for row, value in zip(whole, values, strict=True):
+        row[:] = value
+    return whole
 
 
 def _in_the_air(flight: Flight) -> tuple[int, int]:

@@ -138,7 +138,9 @@ def _likely(model: "LogModel", base: Fit, places: Sequence[int], way: int) -> li
     for episode, score in zip(base.episodes, scores, strict=True):
         block = model.blocks[episode]
         errors = score.white.reshape(len(model.channels), -1)
-        row = model.logs[block.log].inputs[places].sum(0)
+        rows = model.logs[block.log].inputs[places]
+        against = np.sign(np.diff(rows) @ np.diff(rows[0]))  # one may fall where another rises
+        row = np.where(against < 0.0, -1.0, 1.0) @ rows
         change = np.pad(np.diff(row, prepend=row[0]), _MOST)
         beside = np.lib.stride_tricks.sliding_window_view(change, block.stop - block.start)
         at = block.start + _MOST + way * np.arange(1, _MOST + 1)
