@@ -44,7 +44,8 @@ def text_of(summary: Summary) -> str:
 def markdown_of(summary: Summary, figure_name: str = "", lines_name: str = "") -> str:
     """The page: headline figures against their bars, then the tables behind them."""
     counts = ", ".join(f"{n} {kind}" for kind, n in sorted(summary["cases"].items()))
-    commits = ", ".join(c or "no commit" for c in summary["commits"])
+    several = len(summary["commits"]) > 1
+    frozen = "the commits below" if several else "".join(summary["commits"]) or "no commit"
     parts = [
         "# The gap workflow against hidden effects",
         "`python -m benchmarks.hidden_effects` hides effects in two plants and judges the answers "
@@ -54,7 +55,7 @@ def markdown_of(summary: Summary, figure_name: str = "", lines_name: str = "") -
         "Strength is the gain in log-likelihood of the hidden effect on held-out flights, in nats, "
         "as the judge measures it. Brackets are Wilson's 95 % intervals. A case on which the "
         "workflow failed counts as wrong.",
-        f"Cases: {counts}{_unfinished_text(summary)}. Code frozen at: {commits}."
+        f"Cases: {counts}{_unfinished_text(summary)}. Code frozen at: {frozen}."
         + (
             f" Each case has a line in [{Path(lines_name).name}]({lines_name})."
             if lines_name
