@@ -25,6 +25,7 @@ _RATES = (
     ("unknown_outside", "outside the library, called unknown", "≥ 90 %"),
     ("unknown_outside_from_15_nats", "the same, 15 nats and above", ""),
     ("unknown_outside_from_50_nats", "the same, 50 nats and above", ""),
+    ("outside_or_unseen", "outside the library, unknown, or nothing that matters where none shows", ""),
     ("pairs_right", "pairs, both found", ""),
     ("pairs_in_part", "pairs, one found and a rest admitted", ""),
 )
@@ -141,7 +142,10 @@ def _closed(summary: Summary) -> str:
             " With the floor that the corrected model expects of itself, the mean is "
             f"{own_floor['mean']:.2f}, over {own_floor['count']}."
         )
-    return text
+    return text + (
+        "\n\nAn effect outside the library that does not show in that error does not matter as far "
+        'as anyone can tell: "nothing that matters" is a true answer then, as "unknown" is.'
+    )
 
 
 def _by_nats(bins: Sequence[Mapping[str, Any]]) -> str:

@@ -58,6 +58,7 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
         "unknown_outside_from_50_nats": _rate(
             line["right"] for line in outside if (line.get("nats") or 0.0) >= 50.0
         ),
+        "outside_or_unseen": _rate(line["right"] or unseen(line) for line in outside),
         "pairs_right": _rate(line["right"] for line in pairs),
         "pairs_in_part": _rate(line["partial"] and line["verdict"] != "named" for line in pairs),
         "by_nats": [_bin(singles, low, high) for low, high in BINS],
@@ -99,6 +100,14 @@ def rates_with_a_bar(lines: Sequence[Line]) -> dict[str, dict[str, Any]]:
         "false_alarms": _rate(line["verdict"] != "none" for line in none),
         "unknown_outside": _rate(line["right"] for line in lines if line["kind"] == "outside"),
     }
+
+
+def unseen(line: Line) -> bool:
+    """Whether "nothing that matters" is true: what was hidden does not show ahead.
+
+    The judge measures that by its own fit of the truth, of which the workflow knows nothing.
+    """
+    return line["verdict"] == "none" and line.get("shows") is False
 
 
 def tracking(lines: Iterable[Line]) -> dict[str, Any]:

@@ -65,6 +65,27 @@ def test_unknown_is_for_what_the_library_lacks_and_none_for_nothing() -> None:
     assert not right(truth("none"), answer("unknown"))
 
 
+@pytest.mark.parametrize(
+    ("verdict", "shows", "strict", "at_all"),
+    [
+        ("unknown", True, 1, 1),
+        ("unknown", False, 1, 1),
+        ("none", False, 0, 1),  # nothing that matters, and the judge's own fit says so too
+        ("none", True, 0, 0),
+        ("none", None, 0, 0),  # not measured
+        ("named", False, 0, 0),
+        (FAILED, False, 0, 0),
+    ],
+)
+def test_nothing_that_matters_is_true_of_what_the_judge_cannot_see_either(
+    verdict: str, shows: bool | None, strict: int, at_all: int
+) -> None:
+    case = next(c for c in all_cases() if c.kind == "outside")
+    told = summary([line(case, verdict=verdict, shows=shows, right=verdict == "unknown")])
+    assert told["unknown_outside"]["count"] == strict
+    assert told["outside_or_unseen"]["count"] == at_all
+
+
 def test_of_a_pair_both_must_be_found_and_one_counts_apart() -> None:
     pair = truth("pair", "a", "b")
     assert decided(pair, answer("named", "b", "a"), {}) == {"right": True, "partial": False}
