@@ -25,7 +25,11 @@ _RATES = (
     ("unknown_outside", "outside the library, called unknown", "≥ 90 %"),
     ("unknown_outside_from_15_nats", "the same, 15 nats and above", ""),
     ("unknown_outside_from_50_nats", "the same, 50 nats and above", ""),
-    ("outside_or_unseen", "outside the library, unknown, or nothing that matters where none shows", ""),
+    (
+        "outside_or_unseen",
+        "outside the library, unknown, or nothing that matters where none shows",
+        "",
+    ),
     ("pairs_right", "pairs, both found", ""),
     ("pairs_in_part", "pairs, one found and a rest admitted", ""),
 )

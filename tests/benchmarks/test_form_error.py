@@ -49,7 +49,7 @@ def pushed(numbers: Numbers, thrust_n: float, seconds: float, z_m: float = 0.6) 
     return y
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_body_without_friction_falls() -> None:
     free = Numbers(coulomb_n=0.0, stiction_n=0.0, viscous_n_per_mps=0.0)
     y = pushed(free, 0.0, 0.25)

@@ -70,7 +70,7 @@ def test_a_delay_is_named_that_the_input_s_clock_hides():
     assert "dead-time@command_rad" in (*told["named"], *told["class"])
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_an_imagined_log_can_lack_what_a_cut_sensor_has():
     """No reading comes three times in it, and yet the cut is what it has to tell apart."""
     case = next(c for c in CASES if c.plant == "tank" and "clip" in c.hidden)

@@ -13,7 +13,7 @@ from wakedeploy.rig.file import default_rig
 SWEEP = ("bench", "lead", "--flights", "1", "--seconds", "10", "--step")
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_best_lead_lies_near_the_default_and_beats_none(tmp_path: Path) -> None:
     path = tmp_path / "lead.json"
     result = CliRunner().invoke(main, [*SWEEP, "0.03", "--json", str(path)])

@@ -335,7 +335,7 @@ def test_presets_are_packed_into_the_wheel(tmp_path: Path) -> None:
     assert (tmp_path / "built/trainers/presets/echo/gru.toml").exists()
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_path: Path) -> None:
     out = tmp_path / "front"
     ended = wakedeploy(

@@ -31,15 +31,8 @@ def words(printed: str) -> list[str]:
     return re.sub(r"[\d.,:+-]+(?:e[+-]?\d+)?(?:T[\d:.+]+)?|[^\w\s]", " ", printed).split()
 
 
-def pages():
-    """Every tutorial; what flies in real time, or searches for minutes, is for `make test-slow`."""
-    for page in PAGES:
-        is_long = page.stem in ("at-the-rig", "mujoco-arm", "own-system")
-        mark = pytest.mark.slow if is_long else pytest.mark.whole
-        yield pytest.param(page, marks=mark, id=page.stem)
-
-
-@pytest.mark.parametrize("page", list(pages()))
+@pytest.mark.slow  # each trains, flies in real time or searches for minutes
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_line_works_as_it_stands_and_prints_what_the_page_shows(
     page: Path, tmp_path: Path
 ) -> None:

@@ -104,7 +104,7 @@ def test_what_is_observed_is_what_the_names_say() -> None:
     assert size.mean() == pytest.approx(GRAVITY_MPS2, rel=0.1)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_shifted_worlds_stay_within_their_spread_and_on_their_grid() -> None:
     seeds = range(6)
     world = shifted(seeds, 0.75)

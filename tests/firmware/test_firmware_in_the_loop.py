@@ -147,7 +147,7 @@ def landing_speed(rig):
     return fastest_mps
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @needs.simulator
 def test_how_hard_a_pulled_cable_lets_the_sufferer_land():
     """From 0.7 m, as docs/how-to/rig.md has it: a board on USB power, one with its own supply."""

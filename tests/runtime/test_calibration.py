@@ -216,7 +216,7 @@ def sagging_flights(thrusts):
     ]
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_battery_that_sags_from_mass_to_mass_does_not_bend_the_curve():
     volts = np.array([12.1, 12.0, 11.9, 11.8])
     logs = sagging_flights((volts / np.mean(volts)) ** 2)
@@ -241,7 +241,7 @@ def test_a_battery_that_sags_from_mass_to_mass_does_not_bend_the_curve():
     assert "curve is that of 12.00 V" in " ".join(three.sentences)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_thrust_refuses_an_exponent_that_masses_so_close_cannot_tell():
     clips_kg = (0.0, 0.02, 0.045)
     logs = [thrust.record(SimulatedSite(RIG, seed=7), RIG, c, i) for i, c in enumerate(clips_kg)]

@@ -81,7 +81,7 @@ def test_the_difference_is_the_wake_though_the_thrust_curve_is_wrong(pair):
     assert wake.noise_abs_n < 0.3 * wake.mean_abs_n
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_two_flights_without_wake_differ_by_no_more_than_their_error(pair):
     off, _ = pair
     plan = random_plan(RIG, 14.0, 5).without_wake(1000.0)

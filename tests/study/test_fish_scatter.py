@@ -84,7 +84,7 @@ def test_what_is_shown_has_the_r2_that_is_told(tmp_path: Path, recordings: Path)
     assert losses["esn"] == min(tried)  # the best of the scales that are tried
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_command_draws_the_scatter(tmp_path: Path, recordings: Path, monkeypatch) -> None:
     from trainers import build
 

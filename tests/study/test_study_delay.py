@@ -252,7 +252,7 @@ def test_how_far_the_seeds_peaks_lie_apart_is_told() -> None:
     assert rows[0][columns.index("over the seeds [s]")] == "0.300 to 0.400"
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_command_writes_figures_tables_and_a_page(tmp_path: Path) -> None:
     sets = tmp_path / "sets"
     for name in ("downwash", "gantry"):

@@ -227,7 +227,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
     assert "On gantry, none beats" in told.output
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_study_trains_nothing_that_domains_has_trained(tmp_path, monkeypatch) -> None:
     rounds: list[int] = []
     monkeypatch.setattr("runtime.bench.bench_latency", partial(flown, rounds=rounds))

@@ -155,7 +155,7 @@ def record(tmp_path: Path) -> Record:
     return Record(tmp_path)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.usefixtures("patient")
 def test_a_worker_killed_in_mid_sweep_loses_nothing_and_repeats_only_what_it_was_at(
     machines: Machines, record: Record, small: Path, tmp_path: Path, lines: Callable

@@ -119,7 +119,7 @@ def test_many_logs_are_halved_one_by_one_and_few_in_time():
         )
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_folder_keeps_what_halves_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """It is told in the detail and on the page, read again, and asked once."""
     model = LogModel(Slider(), [slid(COEFFICIENT)])

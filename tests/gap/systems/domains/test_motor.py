@@ -71,7 +71,7 @@ def test_logs_that_cannot_be_used_say_why(tmp_path, content, says):
         read_steps(tmp_path)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_the_command_names_and_writes(tmp_path):
     logs = tmp_path / "logs"
     logs.mkdir()

@@ -78,7 +78,7 @@ def log(seconds=45.0, tau_s=TAU_S):
     return Recording("pod", np.arange(len(command)) / RATE, columns)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 def test_a_lag_behind_a_square_is_named_where_it_is():
     model = LogModel(checked(Pod()), [log()])
     answer = answer_of(named(model, fitted_base(model)))
