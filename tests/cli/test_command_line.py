@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from every_command import EVERY
 
 import wakedeploy
 from wakedeploy import cli
@@ -36,28 +37,11 @@ def test_help_loads_no_heavy_library() -> None:
     assert "LOADED []" in ended.stdout
 
 
-def all_commands() -> list[list[str]]:
-    def below(command: click.Command, path: list[str]) -> list[list[str]]:
-        found = [path]
-        if isinstance(command, click.Group):
-            context = click.Context(command)
-            for name in command.list_commands(context):
-                inner = command.get_command(context, name)
-                assert inner is not None
-                found += below(inner, [*path, name])
-        return found
-
-    return below(cli.main, [])
-
-
-@pytest.mark.parametrize("path", all_commands(), ids=" ".join)
-def test_every_command_explains_itself_with_an_example(path: list[str]) -> None:
+@pytest.mark.parametrize("path", [(), *EVERY], ids=" ".join)
+def test_every_command_explains_itself_with_an_example(path: tuple[str, ...]) -> None:
     result = CliRunner().invoke(cli.main, [*path, "--help"], prog_name="wakedeploy")
     assert result.exit_code == 0
-    command = cli.main
-    for name in path:
-        assert isinstance(command, click.Group)
-        command = command.get_command(click.Context(command), name)
+    command = EVERY.get(path, cli.main)
     if not isinstance(command, click.Group) or len(path) == 1:
         _, _, example = result.output.split("Options:")[0].partition("Example:")
         assert " ".join(["wakedeploy", *path]) in example, "the help text has no example"

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner, Result
+from every_command import EVERY
 
 from trainers.build import ARCHITECTURES as BUILT
 from wakedeploy.cli import main
@@ -17,23 +18,6 @@ from wakedeploy.study.sets import DOMAINS as STUDIED
 
 def typed(line: str) -> Result:
     return CliRunner().invoke(main, line.split(), prog_name="wakedeploy")
-
-
-def every_command(
-    group: click.Group = main, path: tuple[str, ...] = ()
-) -> dict[tuple[str, ...], click.Command]:
-    found: dict[tuple[str, ...], click.Command] = {}
-    context = click.Context(group)
-    for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        assert command is not None
-        found[(*path, name)] = command
-        if isinstance(command, click.Group):
-            found |= every_command(command, (*path, name))
-    return found
-
-
-EVERY = every_command()
 
 
 def test_the_names_are_those_that_there_are() -> None:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from every_command import EVERY
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.output import Written, print_table, write_json
 
 
 def test_a_table_in_a_pipe_is_never_cut(capsys: pytest.CaptureFixture[str]) -> None:
@@ -42,3 +43,16 @@ def test_numpy_and_missing_numbers_are_written(tmp_path: Path) -> None:
     write_json(tmp_path / "x.json", result)
     written = json.loads((tmp_path / "x.json").read_text())
     assert written == {"a": 0.5, "b": [0, 1, 2], "c": None, "d": [None, 1]}
+
+
+@pytest.mark.parametrize("named", ["--json", "--report", "--write-reference", "--write-input"])
+def test_where_a_command_writes_at_its_end_is_looked_at_before_it_begins(named: str) -> None:
+    """A flight or a fit of minutes does not end at a folder that nobody may write to."""
+    options = [
+        (" ".join(path), option)
+        for path, command in EVERY.items()
+        for option in command.params
+        if named in option.opts
+    ]
+    assert options
+    assert [name for name, option in options if not isinstance(option.type, Written)] == []

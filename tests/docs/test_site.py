@@ -5,7 +5,6 @@ import importlib.util
 import json
 import re
 import sys
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +12,7 @@ from typing import Any
 
 import click
 import pytest
+from every_command import EVERY
 from shell_lines import ROOT
 
 import wakedeploy
@@ -89,19 +89,9 @@ def test_each_command_stands_on_one_page_of_the_reference() -> None:
     assert sorted(named) == sorted(main.list_commands(click.Context(main)))
 
 
-def every_command(group: click.Group, context: click.Context) -> Iterator[str]:
-    for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        inner = click.Context(command, info_name=name, parent=context)
-        yield inner.command_path.removeprefix("wakedeploy ")
-        if isinstance(command, click.Group):
-            yield from every_command(command, inner)
-
-
 @built
 def test_the_search_finds_every_command_by_its_heading() -> None:
-    context = click.Context(main, info_name="wakedeploy")
-    for name in every_command(main, context):
+    for name in map(" ".join, EVERY):
         pages = {index()["docnames"][number] for number, _ in index()["alltitles"].get(name, [])}
         assert any(page.startswith("reference/commands/") for page in pages), name
 

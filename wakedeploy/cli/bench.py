@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.groups import Group
-from wakedeploy.cli.output import json_option, print_table, progress, write_json
+from wakedeploy.cli.output import Written, json_option, print_table, progress, write_json
 from wakedeploy.core.errors import CheckFailed
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def command() -> None:
               help="SCHED_FIFO, locked memory, one core. Default: where permitted.")  # fmt: skip
 @click.option("--busy", is_flag=True, help="Keep the other cores at work meanwhile.")
 @click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
-@click.option("--report", type=_FILE, help="Also write the result as a page (FILE.html).")
+@click.option("--report", type=Written(), help="Also write the result as a page (FILE.html).")
 @json_option
 def latency(
     files: Sequence[Path],

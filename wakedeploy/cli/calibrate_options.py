@@ -22,7 +22,7 @@ from wakedeploy.cli.flight_options import (
     warn,
     with_options,
 )
-from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.output import Written, print_table, write_json
 from wakedeploy.core.errors import UnusableInput, WakedeployError
 
 if TYPE_CHECKING:
@@ -36,13 +36,13 @@ _FOLDER = click.Path(file_okay=False, path_type=Path)
 _RIG_FILES = (
     click.option("--rig", "rig_path", type=FILE, required=True,
                  help="Updated in place, unless --out is given."),
-    click.option("--out", type=FILE, help="Write this rig file; what is simulated needs it."),
+    click.option("--out", type=Written(), help="Write this rig file; what is simulated needs it."),
 )  # fmt: skip
 _LOGS = (
     click.option("--log", "logs", type=FILE, multiple=True, help="From a log recorded earlier."),
     click.option("--keep-logs", type=_FOLDER, help="Record what is flown in this folder. "
                  "Default at a port: calibration/DATE-NAME beside the rig file."),
-    click.option("--json", "json_path", type=FILE, help="Also write the result as JSON."),
+    click.option("--json", "json_path", type=Written(), help="Also write the result as JSON."),
 )  # fmt: skip
 
 

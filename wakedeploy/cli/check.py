@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import Written, print_table, progress, write_json
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--rig", "rig_path", type=_FILE, help="Also: can the loop of this rig fly it?")
-@click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
+@click.option("--json", "json_path", type=Written(), help="Also write the result as JSON.")
 def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
     """Verify the package FILE on this machine: manifest, hash, graph, rollout, manners, limits.
 

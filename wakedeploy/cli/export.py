@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from wakedeploy.cli.export_c import CWish, c_of_package, c_of_run, c_options, write_json_of
 from wakedeploy.cli.names import ARCHITECTURE
-from wakedeploy.cli.output import print_table, progress, stage_bars
+from wakedeploy.cli.output import Written, print_table, progress, stage_bars
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 _MOST_LISTED = 12
 _FOLDER = click.Path(file_okay=False, path_type=Path)
-_FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command()
@@ -33,9 +32,9 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     help="Where runs lie; one that holds a single run says enough.",
 )
 @click.option("--data", type=_FOLDER, help="The set it was trained on. Default: the run knows.")
-@click.option("--out", type=_FILE, help="Default: ARCH.onnx.")
+@click.option("--out", type=Written(), help="Default: ARCH.onnx.")
 @c_options
-@click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
+@click.option("--json", "json_path", type=Written(), help="Also write the result as JSON.")
 def command(
     arch: str | None,
     run: Path | None,

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.flight_options import (
-    FILE,
     end_progress,
     flight_options,
     flight_request,
     shown_progress,
     warn,
 )
-from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.output import Written, print_table, write_json
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ _FOLDER = click.Path(file_okay=False, path_type=Path)
     help="Of the same reference, numbered.",
 )
 @click.option("--yes", is_flag=True, help="With --port: do not ask between the flights.")
-@click.option("--json", "json_path", type=FILE, help="Also write the comparison as JSON.")
+@click.option("--json", "json_path", type=Written(), help="Also write the comparison as JSON.")
 def command(
     out: Path, pairs: int, yes: bool, json_path: Path | None, baseline: bool, **options: Any
 ) -> None:

@@ -22,7 +22,7 @@ from wakedeploy.cli.live_options import (
     tell_foxglove,
 )
 from wakedeploy.cli.many_flights import fly_and_tell
-from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.output import Written, print_table, write_json
 from wakedeploy.cli.workers import workers_option
 from wakedeploy.core.errors import UnusableInput
 
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     help="So many, of seeds from --seed on, PID beside the package; --log is a folder then.",
 )
 @workers_option("Processes for --flights.")
-@click.option("--json", "json_path", type=FILE, help="Also write the summary as JSON.")
+@click.option("--json", "json_path", type=Written(), help="Also write the summary as JSON.")
 def command(
     log_path: Path | None,
     flights: int | None,
