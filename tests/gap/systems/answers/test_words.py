@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from tests.gap.report.test_system_page import result
-from wakedeploy.gap.search.outcome import HARDLY
+from wakedeploy.gap.search.outcome import CHANCE, HARDLY
 from wakedeploy.gap.systems.answers.words import first_screen, sentences
 
 LAG = "lag@steer_rad"
@@ -180,6 +180,27 @@ def test_an_effect_that_outlived_the_first_one_is_not_listed_as_unnamed() -> Non
     rounds = [first, ranked({"stop@v": 80.0}, [LAG]), ranked({}, [LAG, "stop@v"])]
     effects = [{"name": "stop@v", "parameters": {}, "forecast": SHARE}]
     assert "Not named: stop@v" not in " ".join(sentences(result(effects=effects, rounds=rounds)))
+
+
+@pytest.mark.parametrize(("gained_nats", "is_near"), [(90.0, True), (4.0, False)])
+def test_where_nothing_is_named_what_loud_moments_keep_from_being_evident_is_told(
+    gained_nats: float, is_near: bool
+) -> None:
+    """Ninety nats are no proof where luck may bring 133, and no sign that nothing is missing."""
+    searched = ranked({"stop@v": gained_nats}, [], needed_nats=133.0)
+    searched["threshold_nats"], searched["ranking"][0]["judged"] = 133.0, CHANCE
+    nothing = result(verdict="none", effects=[], rounds=[searched])
+    screen = " ".join(sentences(nothing))
+    assert screen.startswith("Nothing that matters is missing")
+    near = (
+        "Nearest to evident: stop@v gains 90.0 nats; quiet noise alone brings up to 5.0 nats, but "
+        "a few loud moments of these logs up to 133.0 nats."
+    )
+    assert (near in screen) == is_near
+    assert ("How sure is that? Less than usual: in a few loud moments" in screen) == is_near
+    assert ("Record more of the moments in which `stop@v` would act" in screen) == is_near
+    named = result(effects=[{"name": LAG, "parameters": {}, "forecast": SHARE}], rounds=[searched])
+    assert "Nearest" not in " ".join(sentences(named))
 
 
 @pytest.mark.parametrize(("needed_nats", "clear"), [(2.0, True), (5.0, False)])

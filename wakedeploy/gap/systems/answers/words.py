@@ -14,6 +14,7 @@ from wakedeploy.gap.search.artefacts import (
     Disagreements,
     Forecast,
     Leftover,
+    Ranked,
     Result,
     Size,
 )
@@ -36,6 +37,7 @@ from wakedeploy.gap.wording import (
     listed,
     measured,
     minus,
+    nats,
     quantity,
 )
 
@@ -78,7 +80,7 @@ def remarks(answer: Answer) -> list[str]:
     """What stands in no table.
 
     That is: what each half of the logs says, fits that were stopped, what is left, and what was not
-    named and why.
+    named and why, or came nearest to being evident.
     """
     far = [_FAR_AHEAD] if answer.is_far_ahead else []
     far += [
@@ -92,6 +94,7 @@ def remarks(answer: Answer) -> list[str]:
         *repeated_sentences(answer),
         *_unsettled(answer),
         *_unexplained(answer),
+        *_nearest(answer),
         *_rejected(answer),
     ]
 
@@ -149,6 +152,11 @@ def _certainty(result: Result) -> str:
     """What the answer rests on."""
     if result.moved:
         return "Not before constants and units are known to be right."
+    if result.verdict == "none" and nearest(result):
+        return (
+            "Less than usual: in a few loud moments more than noise acts, and whether an effect or "
+            "a disturbance these logs cannot tell."
+        )
     if result.verdict == "none":
         return "Where nothing is missing, one search in twenty names something; this one did not."
     beyond = "Where nothing is missing, fewer than one search in twenty finds something this clear."
@@ -217,7 +225,37 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
             f"State what was fitted for {listed(otherwise)}, which the logs know better, and use "
             f"the system. {how_small}"
         )
+    if near := nearest(result):
+        return (
+            f"Record more of the moments in which {plain(near.name)} would act, and ask again with "
+            f"that log, too. Until then use the system as it is. {how_small}"
+        )
     return f"Use the system as it is. {how_small}"
+
+
+def nearest(answer: Answer) -> Ranked | None:
+    """The effect that would be evident, had not loud moments of these logs carried its gain.
+
+    None where an effect or a class is named, and where the best gains no more than quiet noise.
+    """
+    if answer.effects or answer.rivals or not answer.rounds:
+        return None
+    first = answer.rounds[0]
+    best = first.ranking[0] if first.ranking else None
+    is_near = best is not None and best.judged == CHANCE and best.gain_nats > first.steady_nats
+    return best if is_near else None
+
+
+def _nearest(answer: Answer) -> list[str]:
+    """What an effect gains that loud moments keep from being evident."""
+    near = nearest(answer)
+    if near is None:
+        return []
+    return [
+        f"Nearest to evident: {near.name} gains {nats(near.gain_nats)}; quiet noise alone brings "
+        f"up to {nats(answer.rounds[0].steady_nats)}, but a few loud moments of these logs up to "
+        f"{nats(near.needed_nats)}."
+    ]
 
 
 def late_words(late: Mapping[str, float]) -> list[str]:
