@@ -31,7 +31,7 @@ from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.own_system import System
 
 JOINTS = ("rotation", "pitch", "elbow", "wrist_pitch", "wrist_roll", "jaw")
 TRAINED = ("prbs_excitation", "trapezoidal_profile")

@@ -38,7 +38,7 @@ _FROM = {
     "Flights": "wakedeploy.api.flights",
     "close_gap": "wakedeploy.api.gaps",
     "Gap": "wakedeploy.api.gaps",
-    "System": "wakedeploy.gap.systems.system",
+    "System": "wakedeploy.gap.systems.own_system",
     "Input": "wakedeploy.gap.systems.system",
     "Output": "wakedeploy.gap.systems.system",
     "Constant": "wakedeploy.gap.systems.system",

@@ -29,7 +29,7 @@ from wakedeploy.gap.search.weighing import unseen, weight_of
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.own_system import System
 
 EXAMPLES = ROOT / "examples" / "systems"
 PARTS = ("out", "in", "first", "second")

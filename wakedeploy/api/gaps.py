@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from wakedeploy.domains.tables.columns import Columns
     from wakedeploy.gap.systems.gantry.find_name_add_show import Retrain
-    from wakedeploy.gap.systems.system import System
+    from wakedeploy.gap.systems.own_system import System
 
 
 Shown = Literal["effects", "ranking"]

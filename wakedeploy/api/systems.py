@@ -27,7 +27,7 @@ from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.own_system import System
 from wakedeploy.gap.systems.wrapped_angles import going_on, jumps
 from wakedeploy.gap.workflow import run
 

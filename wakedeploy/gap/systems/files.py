@@ -13,7 +13,7 @@ from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.own_system import System
 
 OF_MJCF = (
     "is a MuJoCo model; `wakedeploy gap init my_robot.py --mjcf MODEL.xml` makes it a system, and "

@@ -1,8 +1,8 @@
-"""A system as its user writes it: inputs, states, outputs, constants, ports and one function.
+"""What a system states: inputs, states, outputs, constants, ports; and its functions, called.
 
-In: a class of about twenty lines, derived from `System`. Out: what the likelihood asks of it. Its
+In: a class derived from `own_system.System`. Out: what the likelihood asks of it. The class's
 functions are written for one point; they are called with arrays whose leading axes are batches, so
-they use numpy alone. `files` reads such a class from a file, `checks` tries it.
+they use numpy alone.
 """
 
 import functools
@@ -10,13 +10,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.recording import Recording
 from wakedeploy.core.units import unit_at_end, unit_of
 from wakedeploy.gap.systems.calls import called, complete
 
@@ -237,27 +236,12 @@ class Forces(dict[str, Any]):
 
 
 class System:
-    """Derive from it, and state what the class attributes ask for.
+    """What a user's system states, and what its functions give.
 
-    `derivative(state, inputs, c)` returns the derivative of every state by name, or
-    `step(state, inputs, c)` the states one sample later. `measure(state, inputs, c)` is needed for
-    outputs that are not states; `start(measured)` for states that the first samples do not give:
-    it is called with the first measured values and returns states by name.
-    `derivative_under(state, inputs, c, forces)` is for a mechanism in which a force at one state's
-    port moves others too; `forces` are by the ports' states, as `forces.speed_mps`, and 0 where
-    nothing acts. Without it a force moves its own state.
-    `steps` are those of the model within a sample, which a system needs that is fast against
-    `rate_hz`; inputs are then taken between the samples, as they hold.
-    `process_noise` and `start_spread` override the library's guesses for states, by name; a
-    process noise of 0 is none, and stays none. What a `step` only remembers has none by itself, nor
-    a correction of its form, if nothing is stated and no force acts there. `outlier_share` of the
-    samples may be outliers, `forecast_s` is how far ahead a forecast has to be right for an effect
-    to matter. `costs_by_point` says that N points take about N times as long as one, as where a
-    simulator is asked for each: a search then tries none that it may not need. `exported` names
-    the files that an `export` of your own writes: those of an earlier answer are then removed.
-
-    Values are in the units that the class states; each is a number, or (N,) where N points are
-    tried at once. What does not fit raises UnusableInput by the name of method, state and point.
+    `own_system.System` is the class that users derive from: it says what each attribute means and
+    which functions there are. Values are in the units that the class states; each is a number, or
+    (N,) where N points are tried at once. What a function of the user does wrong raises
+    UnusableInput by the name of method, state and point.
     """
 
     rate_hz: ClassVar[float]
@@ -276,32 +260,10 @@ class System:
 
     correction: "Correction | None" = None
 
-    @classmethod
-    def corrected(cls, path: str | Path) -> Self:
-        """The system with what `gap add` has written, which `simulate` then applies.
-
-        Raises UnusableInput for a file that cannot be read or corrects another system.
-        """
-        from wakedeploy.gap.systems.checks import checked
-        from wakedeploy.gap.systems.correction import read_correction
-
-        system = checked(cls())
-        system.correction = read_correction(Path(path), system.name)
-        return system
-
     def __repr__(self) -> str:
         """Its name and what goes in and out."""
         inputs, outputs = (", ".join(x.name for x in some) for some in (self.logged, self.outputs))
         return f"{self.name}({inputs} -> {outputs}; {len(self.states)} states)"
-
-    def simulate(self, recording: Recording) -> dict[str, FloatArray]:
-        """Every state and output along a recording's inputs, each (n,) at the system's rate.
-
-        It starts where the recording does and sees no measurement afterwards.
-        """
-        from wakedeploy.gap.systems.simulation import simulated
-
-        return simulated(self, recording)
 
     def export(self, answer: "Answer", out: Path) -> list[str]:
         """Write what `gap name` found in further formats; none unless overridden.

@@ -16,7 +16,8 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco, read_elements
 from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
-from wakedeploy.gap.systems.system import FloatArray, Point, System
+from wakedeploy.gap.systems.own_system import System
+from wakedeploy.gap.systems.system import FloatArray, Point
 
 if TYPE_CHECKING:
     from wakedeploy.gap.search.artefacts import Answer
