@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from trainers.trackers.values import FAILED, FINISHED, INTERRUPTED
 from trainers.training.fit import Standing
 from trainers.training.runs import RunConfig, TrainedRun
 from wakedeploy.core.errors import UnusableInput, installs, one_line
-
-FINISHED, INTERRUPTED, FAILED = "finished", "interrupted", "failed"
 
 
 class Tracked(Protocol):

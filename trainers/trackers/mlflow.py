@@ -22,8 +22,16 @@ import mlflow
 from mlflow.entities import Metric, Param
 from mlflow.exceptions import MlflowException
 
-from trainers.trackers import FAILED, FINISHED, INTERRUPTED
-from trainers.trackers.values import VALIDATION_LOSS, epochs, finals, parameters, standing_of
+from trainers.trackers.values import (
+    FAILED,
+    FINISHED,
+    INTERRUPTED,
+    VALIDATION_LOSS,
+    epochs,
+    finals,
+    parameters,
+    standing_of,
+)
 from trainers.training.fit import Standing
 from trainers.training.runs import CONFIG, RunConfig, TrainedRun
 from wakedeploy.core.errors import UnusableInput, one_line

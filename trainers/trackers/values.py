@@ -1,4 +1,4 @@
-"""What a tracker gets of a run, by the same names in each: settings, epochs, scores."""
+"""What a tracker gets of a run, by the same names in each: settings, epochs, scores, its end."""
 
 import json
 import math
@@ -12,6 +12,7 @@ from trainers.training.trainer import idle_settings
 Scalar = float | int | str | bool
 
 VALIDATION_LOSS = "loss/validation"
+FINISHED, INTERRUPTED, FAILED = "finished", "interrupted", "failed"
 
 
 def parameters(config: RunConfig) -> dict[str, Scalar]:
