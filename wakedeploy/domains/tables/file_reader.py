@@ -21,7 +21,8 @@ from wakedeploy.domains.tables.diagnosis import (
     require_common_time,
     require_likely_rate,
 )
-from wakedeploy.domains.tables.log import Clock, Log, Values, is_log, open_log, require_size
+from wakedeploy.domains.tables.log import Clock, Log, Values, require_size
+from wakedeploy.domains.tables.log_kinds import is_log, open_log
 from wakedeploy.domains.tables.orientation import angle_of
 from wakedeploy.domains.tables.pieces import (
     Stretch,

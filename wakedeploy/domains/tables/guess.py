@@ -32,7 +32,8 @@ from wakedeploy.domains.tables.guess_clock import (
 from wakedeploy.domains.tables.guess_clocks import clocks_of
 from wakedeploy.domains.tables.guess_left_out import comments_on, left_out
 from wakedeploy.domains.tables.guess_orientation import Quaternion, quaternions_in
-from wakedeploy.domains.tables.log import Field, Log, Values, is_log, open_log, seen_form
+from wakedeploy.domains.tables.log import Field, Log, Values
+from wakedeploy.domains.tables.log_kinds import is_log, open_log, seen_form
 from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
