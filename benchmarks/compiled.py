@@ -208,7 +208,7 @@ def _rounding_on(work: Path, arch: str, domain: str) -> dict[str, Any]:
     from export.c.real import real_samples
     from export.example import rollout
     from export.limits import limited
-    from trainers.training.runs import load_run
+    from trainers.trained_run import load_run
     from wakedeploy.core.episodes import read_episode_set
 
     data = read_episode_set(the_set(work, domain))

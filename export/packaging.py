@@ -16,7 +16,8 @@ from export.parity import measure, require_parity
 from export.samples import joined
 from runtime.replay import require_bounded
 from trainers.model import Predictor
-from trainers.training.runs import RunConfig, TrainedRun
+from trainers.trained_run import TrainedRun
+from trainers.training.runs import RunConfig
 from wakedeploy.core.episodes import Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import (

@@ -20,17 +20,9 @@ from export.limits import force_channels
 from export.packaging import export_predictor
 from runtime.compiled.folder import read_c_folder
 from runtime.predictor import PackagePredictor
+from trainers.trained_run import TrainedRun, load_run
 from trainers.training.fit import FitSettings
-from trainers.training.runs import (
-    BEST,
-    CONFIG,
-    LAST,
-    METRICS,
-    TrainedRun,
-    load_run,
-    read_config,
-    runs_of,
-)
+from trainers.training.runs import BEST, CONFIG, LAST, METRICS, read_config, runs_of
 from trainers.training.trainer import chosen_lead_s, configure, train
 from wakedeploy.api.scores import ScoreRow, score_row
 from wakedeploy.cli import data as data_command

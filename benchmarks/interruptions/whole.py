@@ -11,14 +11,8 @@ import numpy as np
 from PIL import Image
 
 from trainers.preset import read_preset
-from trainers.training.runs import (
-    CONFIG,
-    METRICS,
-    load_run,
-    read_config,
-    read_metrics,
-    read_tensors,
-)
+from trainers.trained_run import load_run
+from trainers.training.runs import CONFIG, METRICS, read_config, read_metrics, read_tensors
 from wakedeploy.core.episodes import DESCRIPTION, read_episode_set
 from wakedeploy.core.errors import WakedeployError
 from wakedeploy.core.package import read_package

@@ -22,7 +22,8 @@ from distributed.cli import dask_worker
 from distributed.scheduler import KilledWorker
 
 import wakedeploy as package
-from trainers.training.runs import TRAINING, load_run
+from trainers.trained_run import load_run
+from trainers.training.runs import TRAINING
 from trainers.training.trainer import configure, settings_for, train
 from wakedeploy.core.episodes import read_episode_set
 from wakedeploy.core.errors import CheckFailed, installs

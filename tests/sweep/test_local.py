@@ -17,7 +17,7 @@ import pytest
 from click.testing import Result
 from said import sentences
 
-from trainers.training.runs import load_run
+from trainers.trained_run import load_run
 from trainers.training.trainer import configure, settings_for, train
 from wakedeploy.core.episodes import EpisodeSet, read_episode_set
 from wakedeploy.sweep.executor import ATTEMPTS, LocalProcesses

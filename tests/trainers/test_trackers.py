@@ -13,8 +13,9 @@ from click.testing import CliRunner, Result
 
 from trainers.trackers import following
 from trainers.trackers.values import epochs, named, parameters
+from trainers.trained_run import load_run
 from trainers.training.fit import Fit, FitSettings, Standing, learning_rate
-from trainers.training.runs import BEST, finished_runs, load_run
+from trainers.training.runs import BEST, finished_runs
 from trainers.training.trainer import configure
 from wakedeploy.cli import main
 from wakedeploy.core.episodes import EpisodeSet

@@ -10,8 +10,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from trainers.trained_run import TrainedRun
 from trainers.training.episode_scores import worst_first
-from trainers.training.runs import CURVES, METRICS, PREDICTION, REPORT, RunConfig, TrainedRun
+from trainers.training.runs import CURVES, METRICS, PREDICTION, REPORT, RunConfig
 from trainers.training.score import Score
 from wakedeploy.core import pages
 from wakedeploy.core.files import write_text_whole

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Protocol
 
 from trainers.trackers.values import FAILED, FINISHED, INTERRUPTED
+from trainers.trained_run import TrainedRun
 from trainers.training.fit import Standing
-from trainers.training.runs import RunConfig, TrainedRun
+from trainers.training.runs import RunConfig
 from wakedeploy.core.errors import UnusableInput, installs, one_line
 
 

@@ -32,8 +32,9 @@ from trainers.trackers.values import (
     parameters,
     standing_of,
 )
+from trainers.trained_run import TrainedRun
 from trainers.training.fit import Standing
-from trainers.training.runs import CONFIG, RunConfig, TrainedRun
+from trainers.training.runs import CONFIG, RunConfig
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.core.locks import one_at_a_time

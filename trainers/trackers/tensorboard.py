@@ -11,8 +11,9 @@ from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
 from trainers.trackers.values import epochs, finals, parameters, standing_of
+from trainers.trained_run import TrainedRun
 from trainers.training.fit import Standing
-from trainers.training.runs import RunConfig, TrainedRun
+from trainers.training.runs import RunConfig
 from wakedeploy.core.errors import one_line
 
 EVENTS = "events.out.tfevents.*"

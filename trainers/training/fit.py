@@ -7,8 +7,9 @@ first plateau. Everything random in an epoch is drawn from (seed, epoch).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -73,6 +74,12 @@ class Standing:
     def improved(self) -> bool:
         """Whether the last epoch was the best so far."""
         return 0 < self.epoch == self.best_epoch
+
+
+def standing_in(facts: Mapping[str, Any]) -> Standing:
+    """Where the fit of a checkpoint stands; KeyError, ValueError or TypeError if it says none."""
+    histories = (facts["history"], facts.get("training_history", ()))
+    return Standing(*(tuple(map(float, losses)) for losses in histories))
 
 
 class Fit:

@@ -2,18 +2,15 @@
 
 `config.json` says what is trained on what. `last.safetensors` is where an interrupted fit goes on,
 `best.safetensors` holds the weights that did best on validation. `metrics.json` closes a finished
-run and carries the hash of the weights it speaks of. Pictures are drawn by who asks for them
-(`trainers.inspection.pictures`).
+run and carries the hash of the weights it speaks of. `trainers.trained_run` reads a finished run,
+ready to predict; pictures are drawn by who asks for them (`trainers.inspection.pictures`).
 """
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-import numpy as np
-import numpy.typing as npt
 import safetensors.torch
 import torch
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
@@ -24,17 +21,11 @@ from trainers.build import build
 from trainers.model import Predictor
 from trainers.present_only import CODE, present_only
 from trainers.training.episode_scores import EpisodeScore
-from wakedeploy.core.episodes import EpisodeSet, read_episode_set
 from wakedeploy.core.errors import UnusableInput, one_line
-from wakedeploy.core.figures import showing_itself
-from wakedeploy.core.files import json_of, sha256_of, write_bytes_whole, write_text_whole
-from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity, Scores
-from wakedeploy.core.observations import series_of, warn_out_of_range
+from wakedeploy.core.files import json_of, write_bytes_whole, write_text_whole
+from wakedeploy.core.manifest import ObservationChannel, Quantity, Scores
 from wakedeploy.core.processes import unheard
 from wakedeploy.core.validation import first_problem
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Goes up when equal configurations are fitted to other weights than before: runs of other revisions
 # are refused. A number and not a hash of the source, for no edited comment should cost hours; a
@@ -129,72 +120,6 @@ class RunMetrics(_Record):
     data_folder: str | None = None
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class TrainedRun:
-    """A finished run, its predictor ready to use (evaluation mode, best weights).
-
-    `run.predict(observations)` gives forces, `run.plot()` shows a test episode and them. `folder`
-    is where it lies, `config` what was trained on what, `metrics` how it ended, with the RMSE of
-    each force channel in its unit.
-    """
-
-    folder: Path
-    config: RunConfig
-    metrics: RunMetrics
-    predictor: Predictor
-
-    def predict(self, observations: npt.ArrayLike) -> FloatArray:
-        """Forces (T, o) for observations (T, d), or (B, T, o) for B series (B, T, d).
-
-        Every series begins with an empty memory. Forces are float32, in the units of
-        `config.force`, `config.lead_s` seconds ahead; before `config.warm_up_steps` observations
-        the memory is not full. The columns of a DataFrame are taken by their names, those of an
-        array in the order of `config.observation`. Raises UnusableInput for another shape, a
-        missing channel or what is no number. Warns by `wd.OutOfRange` where a channel has other
-        values than in training, as in another unit.
-        """
-        from trainers.training.predict import predict
-        from trainers.training.tape import tape_of
-
-        given = series_of(observations, self.config.observation)  # (T, d) or (B, T, d)
-        warn_out_of_range(given, self.config.observation)
-        shape = (*given.shape[:-1], len(self.config.force))
-        if given.size == 0:
-            return np.empty(shape, np.float32)
-        series = given[None] if given.ndim == 2 else given  # (B, T, d)
-        return predict(self.predictor, tape_of(series, shape[-1])).numpy().reshape(shape)
-
-    def plot(self, data: "EpisodeSet | Path | str | None" = None) -> "Figure":
-        """The test episode in which the forces change most: as they were, and as predicted.
-
-        Of `data`, a set or the folder of one; by default the set that the run was trained on.
-        Raises UnusableInput where there is none.
-        """
-        # Pictures stand above training; they are drawn for who asks a run for one.
-        from trainers.inspection.pictures import draw_prediction, title_of
-        from trainers.training.learned_set import episodes_of
-
-        if data is None:
-            shown = episodes_of(self)
-        else:
-            shown = data if isinstance(data, EpisodeSet) else read_episode_set(Path(data))
-        is_trained_on = shown.sha256 == self.config.data_sha256
-        errors = self.metrics.test if is_trained_on else None
-        drawn = draw_prediction(title_of(self.config), self.config, self.predictor, shown, errors)
-        return showing_itself(drawn)
-
-    def __repr__(self) -> str:
-        errors = [
-            f"{c.name} {self.metrics.test.rmse[c.name]:.4g} {c.unit}" for c in self.config.force
-        ]
-        return f"<TrainedRun {self.folder}: test RMSE {', '.join(errors)}>"
-
-    def _repr_png_(self) -> bytes | None:
-        """The liveliest test episode as it was and as predicted, where that was drawn."""
-        drawn = self.folder / PREDICTION
-        return drawn.read_bytes() if drawn.exists() else None
-
-
 def run_folder(root: Path, config: RunConfig) -> Path:
     """Where a run of this configuration belongs."""
     return root / config.domain / config.arch / f"s{config.seed}"
@@ -223,37 +148,6 @@ def require_buildable(config: RunConfig) -> None:
     """Raise UnusableInput for a model beyond the budget, without memory for its weights."""
     with torch.device("meta"):
         new_predictor(config)
-
-
-def load_run(folder: Path) -> TrainedRun:
-    """Read a finished run; UnusableInput names the file and what to do about it."""
-    config, metrics = read_config(folder), read_metrics(folder)
-    weights = _read_weights(folder / BEST, metrics.weights_sha256)
-    predictor = _predictor_of(config, weights, folder)
-    return TrainedRun(folder, config, metrics, predictor.eval())
-
-
-def _predictor_of(config: RunConfig, weights: Mapping[str, Tensor], folder: Path) -> Predictor:
-    """The predictor of a configuration with these weights; UnusableRun where they do not fit.
-
-    Shapes are compared before any memory is taken: drawing weights anew may take seconds.
-    """
-    try:
-        with torch.device("meta"):
-            shapes = {
-                name: tensor.shape for name, tensor in new_predictor(config).state_dict().items()
-            }
-        if shapes != {name: tensor.shape for name, tensor in weights.items()}:
-            raise damaged(folder / BEST, "its tensors are not those of its config.json")
-        predictor = new_predictor(config)
-        predictor.load_state_dict(weights)
-    except UnusableRun:
-        raise
-    except UnusableInput as error:
-        raise damaged(folder / CONFIG, str(error).removesuffix(".")) from error
-    except RuntimeError as error:  # torch's word for tensors of another type
-        raise damaged(folder / BEST, "its tensors are not those of its config.json") from error
-    return predictor
 
 
 def restore_best(predictor: Predictor, folder: Path) -> None:
@@ -350,16 +244,3 @@ def _read(kind: type[AnyRecord], path: Path) -> AnyRecord:
         raise damaged(path, first_problem(error)) from error
     except OSError as error:
         raise UnusableInput(f"{path} cannot be read ({one_line(error)}).") from error
-
-
-def _read_weights(path: Path, sha256: str) -> dict[str, Tensor]:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise damaged(path, one_line(error)) from error
-    if sha256_of(data) != sha256:
-        raise damaged(path, f"its hash is not the one in {METRICS}")
-    try:
-        return safetensors.torch.load(data)
-    except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise damaged(path, one_line(error)) from error

@@ -13,8 +13,9 @@ from pydantic import ValidationError
 from trainers.bounds import check_settings
 from trainers.build import ARCHITECTURES, hyper_parameters, unfilled
 from trainers.model import Predictor, SolvedModel
+from trainers.trained_run import TrainedRun, load_run
 from trainers.training.device import choose_device
-from trainers.training.fit import Fit, FitSettings, Standing
+from trainers.training.fit import Fit, FitSettings, Standing, standing_in
 from trainers.training.ridge import STRENGTHS, Solution, solve_readout
 from trainers.training.runs import (
     BEST,
@@ -29,10 +30,8 @@ from trainers.training.runs import (
     RidgeErrors,
     RunConfig,
     RunMetrics,
-    TrainedRun,
     UnusableRun,
     damaged,
-    load_run,
     new_predictor,
     read_config,
     read_tensors,
@@ -388,12 +387,6 @@ def _resume(path: Path, fit: Fit) -> float:
         return float(facts["seconds"])
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
         raise damaged(path, "it is not a checkpoint of this run") from error
-
-
-def standing_in(facts: Mapping[str, Any]) -> Standing:
-    """Where the fit of a checkpoint stands; KeyError, ValueError or TypeError if it says none."""
-    histories = (facts["history"], facts.get("training_history", ()))
-    return Standing(*(tuple(map(float, losses)) for losses in histories))
 
 
 @dataclasses.dataclass(frozen=True)

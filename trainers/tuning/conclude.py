@@ -14,7 +14,8 @@ import torch
 
 from trainers.inspection.pictures import write_pictures
 from trainers.preset import Preset, stated, write_preset
-from trainers.training.runs import RunConfig, TrainedRun, UnusableRun
+from trainers.trained_run import TrainedRun
+from trainers.training.runs import RunConfig, UnusableRun
 from trainers.training.trainer import OnEpoch, train
 from trainers.tuning.figure import write_figures
 from trainers.tuning.plan import described

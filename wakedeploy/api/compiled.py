@@ -9,7 +9,7 @@ from wakedeploy.core.errors import UnusableInput
 if TYPE_CHECKING:
     from export.c.packaging import Forward, Wish
     from runtime.compiled.folder import CFolder
-    from trainers.training.runs import TrainedRun
+    from trainers.trained_run import TrainedRun
     from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.core.package import Package
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from runtime.compiled.folder import CFolder
     from runtime.compiled.proof import Proved
     from runtime.replay import Replay
-    from trainers.training.runs import TrainedRun
+    from trainers.trained_run import TrainedRun
     from wakedeploy.api.training import Runs
     from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.core.rig import Rig
@@ -217,7 +217,7 @@ def export(
     if isinstance(run, Predictor):
         return _package_as_c(run.package, out, data, c, progress, as_c)
     from export.packaging import export_run
-    from trainers.training.learned_set import episodes_of
+    from trainers.trained_run import episodes_of
 
     wish = None if c is None else wish_of(Path(c), as_c)
     trained = _one_run(run)
@@ -264,7 +264,7 @@ def _writing_c(progress: Progress) -> Callable[[int, int], None]:
 
 def _one_run(run: "TrainedRun | Runs | PathLike") -> "TrainedRun":
     """The run that is given; UnusableInput where several are."""
-    from trainers.training.runs import TrainedRun, load_run
+    from trainers.trained_run import TrainedRun, load_run
     from wakedeploy.api.training import Runs
 
     if isinstance(run, TrainedRun):

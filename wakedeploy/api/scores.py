@@ -11,8 +11,8 @@ from wakedeploy.core.manifest import Quantity
 if TYPE_CHECKING:
     import pandas
 
+    from trainers.trained_run import TrainedRun
     from trainers.training.episode_scores import EpisodeScore
-    from trainers.training.runs import TrainedRun
     from trainers.training.score import Score
 
 Shown = Literal["runs", "episodes"]

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from trainers.preset import Preset
     from trainers.trackers import Tracker
-    from trainers.training.runs import RunConfig, TrainedRun
+    from trainers.trained_run import TrainedRun
+    from trainers.training.runs import RunConfig
     from trainers.training.score import Score
     from wakedeploy.core.episodes import EpisodeSet
 
@@ -419,7 +420,8 @@ def _trained_runs(
     warn: Warn,
 ) -> "list[TrainedRun]":
     """The runs to score, in the order of the paper's table."""
-    from trainers.training.runs import TrainedRun, finished_runs, load_run
+    from trainers.trained_run import TrainedRun, load_run
+    from trainers.training.runs import finished_runs
 
     if isinstance(runs, TrainedRun):
         runs = [runs]
@@ -442,7 +444,7 @@ def _trained_runs(
 
 def _require_runs(runs: object) -> None:
     """UnusableInput for what is neither a run, nor some, nor a folder of them."""
-    from trainers.training.runs import TrainedRun
+    from trainers.trained_run import TrainedRun
 
     if isinstance(runs, str | os.PathLike):
         return

@@ -13,7 +13,7 @@ from wakedeploy.gap.progress import Progress, quiet
 if TYPE_CHECKING:
     import pandas
 
-    from trainers.training.runs import TrainedRun
+    from trainers.trained_run import TrainedRun
     from trainers.tuning.conclude import Found
     from trainers.tuning.plan import Plan
     from trainers.tuning.report import Row

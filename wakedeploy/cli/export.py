@@ -13,7 +13,7 @@ from wakedeploy.cli.output import Written, print_table, progress, stage_bars
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from trainers.training.runs import TrainedRun
+    from trainers.trained_run import TrainedRun
     from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.core.package import Package
 
@@ -73,7 +73,7 @@ def command(
         write_json_of(json_path, c_of_package(wanted, data))
         return
     with progress("Loading PyTorch", 1):
-        from trainers.training.runs import load_run
+        from trainers.trained_run import load_run
         from wakedeploy.api.predictors import export
     from wakedeploy.core.package import Package
 
@@ -100,7 +100,7 @@ def command(
 
 def _set_of(run: "TrainedRun", data: Path | None) -> "EpisodeSet":
     """The set given, or where the run knows it to lie."""
-    from trainers.training.learned_set import episodes_of
+    from trainers.trained_run import episodes_of
     from wakedeploy.core.episodes import read_episode_set
 
     return episodes_of(run) if data is None else read_episode_set(data)

@@ -24,7 +24,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.names import architectures, meant
 
 if TYPE_CHECKING:
-    from trainers.training.runs import TrainedRun
+    from trainers.trained_run import TrainedRun
     from trainers.training.score import Score
     from wakedeploy.api.scores import ScoreRow
     from wakedeploy.core.manifest import Quantity

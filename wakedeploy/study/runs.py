@@ -15,7 +15,8 @@ from wakedeploy.core.parallel import parallel_map
 
 if TYPE_CHECKING:
     from trainers.model import Predictor
-    from trainers.training.runs import RunConfig, TrainedRun
+    from trainers.trained_run import TrainedRun
+    from trainers.training.runs import RunConfig
 
 
 def choice(names: Collection[str]) -> str:

@@ -19,16 +19,9 @@ from typing import Any
 
 import wakedeploy
 from trainers.preset import REFERENCE, chosen_preset
+from trainers.trained_run import TrainedRun
 from trainers.training.device import one_thread
-from trainers.training.runs import (
-    BEST,
-    CONFIG,
-    METRICS,
-    RunConfig,
-    TrainedRun,
-    require_buildable,
-    run_folder,
-)
+from trainers.training.runs import BEST, CONFIG, METRICS, RunConfig, require_buildable, run_folder
 from trainers.training.trainer import (
     chosen_lead_s,
     configure,

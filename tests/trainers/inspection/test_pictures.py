@@ -16,11 +16,13 @@ from click.testing import CliRunner, Result
 
 from trainers.inspection import pictures
 from trainers.inspection.curves import draw_curves
-from trainers.inspection.pictures import draw_prediction, write_pictures
+from trainers.inspection.pictures import write_pictures
+from trainers.inspection.prediction import draw_prediction
 from trainers.inspection.report import REPORT, write_run_report
+from trainers.trained_run import TrainedRun, load_run
 from trainers.training.baselines import baselines
 from trainers.training.fit import Fit, FitSettings
-from trainers.training.runs import BEST, METRICS, RidgeErrors, TrainedRun, load_run, new_predictor
+from trainers.training.runs import BEST, METRICS, RidgeErrors, new_predictor
 from trainers.training.trainer import configure, new_fit, tapes, train
 from wakedeploy.cli import main
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet, read_episode_set

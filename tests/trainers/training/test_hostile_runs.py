@@ -11,10 +11,11 @@ import safetensors.torch
 import torch
 from small_study import tuned, work_of
 
+from trainers import trained_run
 from trainers.preset import read_preset
-from trainers.training import runs
+from trainers.trained_run import load_run
 from trainers.training.fit import FitSettings
-from trainers.training.runs import BEST, CONFIG, METRICS, load_run
+from trainers.training.runs import BEST, CONFIG, METRICS
 from trainers.training.trainer import configure, stated_lead_s, train
 from trainers.tuning.storage import JOURNAL
 from wakedeploy.core.episodes import EpisodeSet
@@ -89,9 +90,11 @@ def test_tensors_are_compared_before_a_model_is_made_of_them(
     forged: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
-    built = runs.new_predictor
+    built = trained_run.new_predictor
     monkeypatch.setattr(
-        runs, "new_predictor", lambda config: made.append(torch.empty(0).is_meta) or built(config)
+        trained_run,
+        "new_predictor",
+        lambda config: made.append(torch.empty(0).is_meta) or built(config),
     )
     folder = forged(arch="esn", hyper={"neurons": 4000})  # of 16 million weights
     with pytest.raises(UnusableInput, match="its tensors are not those"):

@@ -13,6 +13,7 @@ import pytest
 import torch
 from safetensors import SafetensorError
 
+from trainers.trained_run import TrainedRun, load_run
 from trainers.training import runs
 from trainers.training.fit import FitSettings, learning_rate
 from trainers.training.loss import WeightedMse
@@ -20,9 +21,7 @@ from trainers.training.runs import (
     CONFIG,
     TRAINING,
     RunConfig,
-    TrainedRun,
     finished_runs,
-    load_run,
     read_tensors,
     runs_of,
     write_tensors,
