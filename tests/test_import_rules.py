@@ -1,12 +1,20 @@
-"""The import rules cover every folder, and the base install has what the runtime imports."""
+"""The import rules cover every folder, no modules import each other, the base install suffices."""
 
 import ast
+import graphlib
 import re
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
+PACKAGES = ("wakedeploy", "trainers", "export", "runtime")
+
+# Imports that may close a circle, (importing, imported): why.
+ALLOWED: dict[tuple[str, str], str] = {}
 
 
 def test_every_folder_has_its_layer() -> None:
@@ -43,3 +51,61 @@ def test_the_base_install_declares_every_library_that_the_runtime_imports() -> N
     modules = [*(ROOT / "runtime").rglob("*.py"), *(ROOT / "wakedeploy/domains").rglob("*.py")]
     used = {name for path in modules for name in imported(path)}
     assert used - own - breakout - packages - logs - set(sys.stdlib_module_names) <= stated
+
+
+def modules_of(root: Path) -> dict[str, Path]:
+    """The modules of the packages below a folder, by name; a package's is its `__init__`."""
+    found = {}
+    for path in (p for package in PACKAGES for p in (root / package).rglob("*.py")):
+        parts = path.relative_to(root).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports_in(node: ast.AST) -> Iterator[str]:
+    """What is imported anywhere below a node of a module, but for type checkers alone."""
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        assert node.level == 0, "relative imports are not followed"
+        yield from (f"{node.module}.{alias.name}" for alias in node.names)
+    elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+        for child in node.orelse:
+            yield from imports_in(child)
+    else:
+        for child in ast.iter_child_nodes(node):
+            yield from imports_in(child)
+
+
+def circle(root: Path) -> list[str]:
+    """Modules of which each imports the next, and the last is the first; none where none do."""
+    modules = modules_of(root)
+    imports = {}
+    for name, path in modules.items():
+        asked = imports_in(ast.parse(path.read_text("utf-8")))
+        # A name that is no module is one of its module's own.
+        found = {full if full in modules else full.rpartition(".")[0] for full in asked}
+        imports[name] = {n for n in found & modules.keys() if (name, n) not in ALLOWED}
+    try:
+        graphlib.TopologicalSorter(imports).prepare()
+    except graphlib.CycleError as error:
+        return list(reversed(error.args[1]))
+    return []
+
+
+def test_no_modules_import_each_other() -> None:
+    assert " imports ".join(circle(ROOT)) == ""
+
+
+@pytest.mark.parametrize(
+    "line", ["import runtime.b", "from runtime import b", "from runtime.b import x"]
+)
+def test_a_circle_through_a_function_is_found(line: str, tmp_path: Path) -> None:
+    folder = tmp_path / "runtime"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "b.py").write_text("from runtime.c import y\n\nx = y\n")
+    (folder / "c.py").write_text(f"y = 1\n\n\ndef late():\n    {line}\n")
+    assert set(circle(tmp_path)) == {"runtime.b", "runtime.c"}
+    (folder / "c.py").write_text(f"if TYPE_CHECKING:\n    {line}\n\ny = 1\n")
+    assert circle(tmp_path) == []
