@@ -18,11 +18,12 @@ from wakedeploy.gap.evidence.ranking import LEDGE_NATS, Candidate, candidate, ra
 from wakedeploy.gap.evidence.starts import Scans, scanned_starts
 from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
 from wakedeploy.gap.progress import Progress, StepsDone, quiet, uncounted
+from wakedeploy.gap.systems.gantry.findings import Verdict
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
 from wakedeploy.gap.systems.gantry.search.expressions import MOST_TERMS, Symbolic, search
-from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round, Thresholds, Verdict
+from wakedeploy.gap.systems.gantry.search.outcome import Answer, Round, Thresholds
 from wakedeploy.gap.systems.gantry.search.pairs import best_pair
 from wakedeploy.gap.systems.gantry.search.refitting import (
     STILL_NATS,

@@ -5,18 +5,16 @@ In: fits. Out: values that `naming` fills, and that `answer` puts into words and
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.evidence.whiteness import Whiteness
+from wakedeploy.gap.systems.gantry.findings import Verdict
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expressions import Symbolic
-
-Verdict = Literal["named", "class", "unknown", "none", "inconclusive"]
 
 
 @dataclass(frozen=True)
