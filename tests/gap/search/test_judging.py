@@ -118,6 +118,23 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     assert "on speed_mps" in lines[1]
 
 
+@pytest.mark.parametrize(("push_n", "is_said"), [(30.0, True), (1.0, False)])
+def test_a_hand_that_pushes_once_is_said_if_it_surely_did_most(push_n, is_said):
+    """Blocks hardly agree on the size of what pushes in one of them, but it may be large."""
+    rng = np.random.default_rng(4)
+    force = np.repeat(rng.uniform(-1.0, 1.0, 50), 16)
+    hand = np.zeros(len(force))
+    hand[160:172], hand[172:184] = push_n, -push_n
+    moved = force + hand + 0.02 * rng.standard_normal(len(force))
+    speed = np.concatenate([[0.0], np.cumsum(moved)[:-1]]) / 2.0 / RATE
+    columns = {"force_n": force, "speed_mps": speed + 2e-3 * rng.standard_normal(len(force))}
+    model = LogModel(Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+    base = fitted_base(model)
+    assert base.standard_error("push.speed_mps") > RULES.push_ln_sd
+    left = model.leftovers(base)
+    assert [(p.state, p.unit, p.matters) for p in left] == [("speed_mps", "m/s²", True)] * is_said
+
+
 def test_what_is_left_tells_the_kinds_that_its_port_leaves_out():
     model = slid(3.0, Narrow())
     (left,) = named(model, fitted_base(model)).leftover

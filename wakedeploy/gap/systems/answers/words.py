@@ -8,6 +8,7 @@ the place of the numbers, and the remarks.
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import (
     Answer,
     Artefact,
@@ -158,9 +159,19 @@ def _certainty(result: Result) -> str:
         evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
-    rest = "" if result.white.after.passes else _MORE_IS_LEFT
-    said = [beyond, _borne_out(result), repeated_answer(result), _curved(result), rest]
+    said = [beyond, _borne_out(result), repeated_answer(result), _curved(result), _rest(result)]
     return " ".join(sentence for sentence in said if sentence)
+
+
+def _rest(result: Result) -> str:
+    """What is left beside names: a push that is most of what acts, more than noise, or ""."""
+    push = max(result.unexplained, key=lambda push: push.share, default=None)
+    if push is not None and push.share > RULES.unknown_push:
+        return (
+            f"Something else acts, too: a push on {push.state} of {whole_percent(push.share)} of "
+            "its usual rate is left, which nothing explains."
+        )
+    return "" if result.white.after.passes else _MORE_IS_LEFT
 
 
 def _curved(result: Result) -> str:
