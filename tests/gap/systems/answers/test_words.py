@@ -246,6 +246,7 @@ def test_in_a_class_halves_say_no_more_and_what_they_leave_open() -> None:
     text = "\n".join(lines)
     assert "Each half of the logs by itself says no more." in text
     assert text.count("or sensor-lag@yaw") >= 2
+    assert f"or sensor-lag@yaw; and {LAG} (" in text
 
 
 def test_a_name_that_may_stand_for_a_lag_behind_a_curve_is_doubted_and_the_law_comes_next() -> None:
