@@ -19,6 +19,7 @@ from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import (
     ACCEPTED,
     HARDLY,
+    OUTDONE,
     TRIFLE,
     UNSEEN_WORSE,
     Named,
@@ -456,6 +457,20 @@ def test_effects_are_begun_anew_where_something_remains(
     monkeypatch.setattr(judging, "begun_anew", lambda *args: asked.append(args) or {})
     assert named(rubbing, base) is outcome
     assert bool(asked) == is_begun
+
+
+def test_what_would_have_been_named_on_a_hopeless_model_is_told(rubbing, monkeypatch):
+    """The name is dropped, not what its search found."""
+    base = fitted_base(rubbing)
+    found = SimpleNamespace(hypothesis=("a",))
+    rounds_of = [_round_with(_evident("a").model_copy(update={"judged": ACCEPTED}))]
+    weights = {"a": Weight(0.3, 0.1, 0.4)}
+    outcome = Named(rubbing, base, found, rounds_of, weights=weights)
+    monkeypatch.setattr(judging, "_found", lambda *args: outcome)
+    monkeypatch.setattr(judging, "is_outdone", lambda *args: True)
+    told = judging._searched(rubbing, base, outcome, lambda *args: None)
+    assert told.is_outdone
+    assert told.rounds[0].ranking[0].judged == OUTDONE
 
 
 def test_without_a_block_a_mean_is_the_mean_of_the_others():
