@@ -173,6 +173,18 @@ def test_an_effect_that_is_not_named_is_listed_although_others_were_tried_beside
     assert "offset@v" not in screen
 
 
+def test_a_rival_is_not_listed_as_unnamed() -> None:
+    """It alone improves forecasts hardly, and still no log tells it from the one that does."""
+    first = ranked({"mass@v": 40.0, LAG: 90.0, "stop@v": 20.0}, [])
+    for entry in first["ranking"][1:]:
+        entry["judged"] = HARDLY
+    effects = [{"name": "mass@v", "parameters": {}, "forecast": SHARE}]
+    rivals = {"verdict": "class", "class": ["mass@v", LAG]}
+    screen = " ".join(sentences(result(effects=effects, rounds=[first], **rivals)))
+    assert "Not named: stop@v" in screen
+    assert f"Not named: {LAG}" not in screen
+
+
 def test_an_effect_that_outlived_the_first_one_is_not_listed_as_unnamed() -> None:
     """The lag went once the stop explained it; beside nothing, the stop had hardly told."""
     first = ranked({LAG: 90.0, "stop@v": 40.0}, [])

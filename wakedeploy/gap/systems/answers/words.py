@@ -328,8 +328,8 @@ def _signed(value: float) -> str:
 def _rejected(answer: Answer) -> list[str]:
     """What was evident beside what is named, but is not named itself, and why; what was withdrawn.
 
-    A later round may have tried effects beside one that is not named; it says nothing of an answer
-    without that one.
+    Rivals are named above. A later round may have tried effects beside one that is not named; it
+    says nothing of an answer without that one.
     """
     if not answer.rounds:
         return []
@@ -342,4 +342,5 @@ def _rejected(answer: Answer) -> list[str]:
     }
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)
     judged |= {effect.name: UNSEEN_WORSE for effect in ranked if effect.judged == UNSEEN_WORSE}
-    return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in named]
+    told = named | set(answer.rivals)
+    return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in told]
