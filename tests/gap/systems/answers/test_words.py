@@ -205,6 +205,19 @@ def test_an_unknown_is_clear_where_an_effect_gains_what_it_has_to(
     assert ("more than the sensors' noise" in screen) != clear
 
 
+def test_a_constant_that_ends_at_its_bound_says_so_and_that_its_sign_may_be_wrong() -> None:
+    ends = {"drag": (0.001, 0.001, 0.6), "mass": (9.0, 3.0, 9.0), "gain": (0.5, 0.001, 0.9)}
+    constants = {
+        name: {"value": value, "low": low, "high": high, "unit": "1"}
+        for name, (value, low, high) in ends.items()
+    }
+    lines = sentences(result(constants=constants, stated=dict.fromkeys(ends, 1.0)))
+    (drag,), (mass,), (gain,) = ([x for x in lines if x.startswith(f"    {n}")] for n in ends)
+    assert drag.endswith(", as far as it may go without changing its sign")
+    assert mass.endswith(", as far as it may go")
+    assert gain.endswith(")")
+
+
 def test_constants_as_fitted_stand_in_the_details() -> None:
     screen = sentences(result(**MOVED))
     at = screen.index("  Constants, as fitted beside it:")

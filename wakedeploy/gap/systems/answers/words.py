@@ -306,10 +306,12 @@ def _lawful(push: Leftover) -> str:
     """Whether a push follows a law, and what forecasts would gain by it."""
     law = push.law
     if law is None:
-        return (
-            "No law over one coordinate is evident in it, nor over one and the direction; "
-            "a disturbance acts so."
+        none = (
+            "No law over one coordinate is evident in it"
+            if push.against is None
+            else "But forecasts bear out no law over one coordinate"
         )
+        return f"{none}, nor over one and the direction; a disturbance acts so."
     if law.removes <= 0.0:
         return f"A law over {over(law)} is evident, but forecasts get no better by it."
     removed = Forecast(share=law.removes, low=law.low, high=law.high)
