@@ -38,6 +38,14 @@ def test_only_outputs_that_change_are_named_what_gains_most_first() -> None:
     )
 
 
+def test_where_nothing_is_missing_it_is_said_that_forecasts_err_far_more_than_a_sensor() -> None:
+    noise = {"noise.a": {"value": 0.01, "unit": "rad"}, "noise.b": {"value": 0.1, "unit": "rad"}}
+    nothing = {"verdict": "none", "effects": [], "noise": noise}
+    far = matters({"a": (0.27, 0.27), "b": (0.2, 0.2)}, **nothing)
+    assert "That is 27 times what the sensor of a errs: a disturbance acts" in far
+    assert "times what the sensor" not in matters({"a": (0.05, 0.05), "b": (0.2, 0.2)}, **nothing)
+
+
 def test_an_output_that_gets_worse_is_named() -> None:
     said = matters({"speed": (0.0191, 0.0207), "gyro": (0.116, 0.0117)})
     assert "off by less: gyro by 0.0117 rad instead of 0.116 rad." in said
