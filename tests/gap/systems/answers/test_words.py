@@ -290,6 +290,26 @@ def test_a_name_that_may_stand_for_a_lag_behind_a_curve_is_doubted_and_the_law_c
     assert "by a curve" not in "\n".join(told({"cart": (0.47, 0.015)}))
 
 
+@pytest.mark.parametrize(
+    ("name", "parameter", "value", "is_doubted"),
+    [
+        ("added-inertia@v", "ratio", 2.4, True),
+        ("added-inertia@v", "ratio", 0.3, False),
+        ("added-inertia@v", "ratio", -0.5, False),
+        ("sensor-gain@x", "error", -0.8, True),
+        ("gain@u", "error", -0.2, False),
+        ("drag@v", "ratio", 2.4, False),
+    ],
+)
+def test_an_effect_by_which_inputs_do_far_less_may_stand_for_a_force_that_is_held_against(
+    name: str, parameter: str, value: float, is_doubted: bool
+) -> None:
+    size = {"value": value, "low": value - 0.1, "high": value + 0.1, "unit": "1"}
+    effects = [{"name": name, "parameters": {parameter: size}, "forecast": SHARE}]
+    said = " ".join(first_screen(result(effects=effects)))
+    assert ("a force that stands in no column" in said) is is_doubted
+
+
 def test_halves_that_do_not_agree_ask_for_more_logs() -> None:
     said = told({"a": (1.0, 0.5)}, **halved(False, (0.1, 0.14), (0.19, 0.22)))
     (line,) = [x for x in said if "The two halves of the logs do not agree: lag@" in x]

@@ -13,6 +13,7 @@ from wakedeploy.gap.search.artefacts import (
     Answer,
     Artefact,
     Disagreements,
+    Effect,
     Forecast,
     Leftover,
     Result,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 FURTHER_LOG = "new"  # stands in commands for a log that was not searched
 _MOST_PLACES, _MOST_RANKED = 6, 5
+_FAR_LESS = 2.0 / 3.0  # of what inputs do by a system
 _FAR_AHEAD = (
     "Found where the system predicts far ahead, from a few readings a forecast; from the next "
     "reading alone came no such answer."
@@ -159,8 +161,33 @@ def _certainty(result: Result) -> str:
         evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
-    said = [beyond, _borne_out(result), repeated_answer(result), _curved(result), _rest(result)]
+    doubts = _curved(result), _held_against(result), _rest(result)
+    said = [beyond, _borne_out(result), repeated_answer(result), *doubts]
     return " ".join(sentence for sentence in said if sentence)
+
+
+def _held_against(result: Result) -> str:
+    """For what an effect may stand that makes outputs answer inputs by far less; "" for others.
+
+    A controller answers a force by its input, and nothing moves: as if the input did little.
+    """
+    answered = min((_answered(effect) for effect in result.effects), default=1.0)
+    if answered > _FAR_LESS:
+        return ""
+    return (
+        f"But with it inputs do {whole_percent(answered)} of what the system says: where a "
+        "controller gives them, a force that stands in no column, and that it holds against, looks "
+        "like that, too."
+    )
+
+
+def _answered(effect: Effect) -> float:
+    """The share of what inputs do by the system that is left with an effect."""
+    kind, sizes = effect.name.partition("@")[0], effect.parameters
+    if kind == "added-inertia" and "ratio" in sizes:
+        return 1.0 / (1.0 + sizes["ratio"].value)
+    is_gain = kind in ("gain", "sensor-gain") and "error" in sizes
+    return 1.0 + sizes["error"].value if is_gain else 1.0
 
 
 def _rest(result: Result) -> str:
