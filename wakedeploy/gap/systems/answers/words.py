@@ -220,6 +220,13 @@ def _borne_out(result: Result) -> str:
     apart = f"readings of {counted(sealed, 'block')} kept apart"
     if result.sealed_gain_nats > 0.0:
         return f"{found}; the {apart} bear it out."
+    if any(
+        error.after < (1.0 - RULES.error_trifle) * error.before for error in result.gap.values()
+    ):
+        return (
+            f"{found}; forecasts get better by it, but the {apart}, asked one after another, do "
+            "not confirm it: record more."
+        )
     return f"{found}; the {apart} do not confirm it: record more."
 
 
