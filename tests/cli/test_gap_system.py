@@ -378,3 +378,15 @@ def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdic
     result.curved = ["pulse_us"]  # the law has to be stated first, and the same logs asked again
     (again,) = next_commands(result, Path("robot.py"), measured, None, Path("gap"))
     assert again.startswith("wakedeploy gap close --system robot.py --measured 'a b.csv' ")
+
+
+@pytest.mark.parametrize(
+    ("measured", "further"),
+    [("a.csv.gz", "new.csv.gz"), ("a.v2.npz", "new.npz"), ("a.log", "new.log"), ("day", "new")],
+)
+def test_a_further_log_is_called_as_one_of_its_format(measured, further):
+    result = SimpleNamespace(
+        verdict="named", moved={}, rivals=[], effects=["coulomb-friction@speed_mps"], curved=[]
+    )
+    (told,) = next_commands(result, Path("robot.py"), [Path(measured)], None, Path("gap"))
+    assert f" --measured {further} " in told

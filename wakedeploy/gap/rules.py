@@ -61,7 +61,8 @@ class Rules:
             these gain.
         push_share: A lasting push above this share of the usual rate is reported; any model's form
             may be off by as much.
-        push_ln_sd: The logarithm of its size is known better than to this.
+        push_ln_sd: The logarithm of its size is known better than to this, or it surely is above
+            `unknown_push`.
         followed_share: Share of a push's variance that a coordinate explains, for the push to
             follow it.
         late_nats: Outputs that move before their input does have to say so by this much, and more

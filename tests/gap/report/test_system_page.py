@@ -110,6 +110,17 @@ def test_what_is_left_beyond_noise_is_said_on_the_first_screen(friction, tmp_pat
     assert left not in read(result(white=quiet), tmp_path)[1]
 
 
+@pytest.mark.parametrize(("share", "is_said"), [(6.6, True), (0.2, False)])
+def test_a_push_of_most_of_what_acts_is_said_beside_a_name(share: float, is_said: bool) -> None:
+    push = {"state": "speed_mps", "sd": 1.0, "unit": "m/s²", "lasts_s": 0.1, "share": share,
+            "matters": True}  # fmt: skip
+    said = first_screen(result(unexplained=[push]))[2]
+    assert said.startswith("How sure is that?")
+    something = "Something else acts, too: a push on speed_mps of 660 % of its usual rate is left"
+    assert (something in said) is is_said
+    assert ("still more than noise" in said) is not is_said
+
+
 def test_constants_stand_beside_what_the_system_states(tmp_path: Path) -> None:
     base = {"value": 0.302, "low": 0.300, "high": 0.304, "unit": "m"}
     write_page(result(constants={"base_m": base}, stated={"base_m": 0.325}), tmp_path)

@@ -19,6 +19,7 @@ from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import (
     ACCEPTED,
     HARDLY,
+    OUTDONE,
     TRIFLE,
     UNSEEN_WORSE,
     Named,
@@ -116,6 +117,23 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     lines = sentences(answer_of(told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]
+
+
+@pytest.mark.parametrize(("push_n", "is_said"), [(30.0, True), (1.0, False)])
+def test_a_hand_that_pushes_once_is_said_if_it_surely_did_most(push_n, is_said):
+    """Blocks hardly agree on the size of what pushes in one of them, but it may be large."""
+    rng = np.random.default_rng(4)
+    force = np.repeat(rng.uniform(-1.0, 1.0, 50), 16)
+    hand = np.zeros(len(force))
+    hand[160:172], hand[172:184] = push_n, -push_n
+    moved = force + hand + 0.02 * rng.standard_normal(len(force))
+    speed = np.concatenate([[0.0], np.cumsum(moved)[:-1]]) / 2.0 / RATE
+    columns = {"force_n": force, "speed_mps": speed + 2e-3 * rng.standard_normal(len(force))}
+    model = LogModel(Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+    base = fitted_base(model)
+    assert base.standard_error("push.speed_mps") > RULES.push_ln_sd
+    left = model.leftovers(base)
+    assert [(p.state, p.unit, p.matters) for p in left] == [("speed_mps", "m/s²", True)] * is_said
 
 
 def test_what_is_left_tells_the_kinds_that_its_port_leaves_out():
@@ -439,6 +457,20 @@ def test_effects_are_begun_anew_where_something_remains(
     monkeypatch.setattr(judging, "begun_anew", lambda *args: asked.append(args) or {})
     assert named(rubbing, base) is outcome
     assert bool(asked) == is_begun
+
+
+def test_what_would_have_been_named_on_a_hopeless_model_is_told(rubbing, monkeypatch):
+    """The name is dropped, not what its search found."""
+    base = fitted_base(rubbing)
+    found = SimpleNamespace(hypothesis=("a",))
+    rounds_of = [_round_with(_evident("a").model_copy(update={"judged": ACCEPTED}))]
+    weights = {"a": Weight(0.3, 0.1, 0.4)}
+    outcome = Named(rubbing, base, found, rounds_of, weights=weights)
+    monkeypatch.setattr(judging, "_found", lambda *args: outcome)
+    monkeypatch.setattr(judging, "is_outdone", lambda *args: True)
+    told = judging._searched(rubbing, base, outcome, lambda *args: None)
+    assert told.is_outdone
+    assert told.rounds[0].ranking[0].judged == OUTDONE
 
 
 def test_without_a_block_a_mean_is_the_mean_of_the_others():

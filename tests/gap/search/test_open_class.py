@@ -163,6 +163,8 @@ def test_members_that_nothing_tells_apart_are_said_to_be_alike() -> None:
     )  # fmt: skip
     assert third.sentence.startswith("Record waves on u for 30 s.")
     assert "takes 3 such logs. No input that was tried tells apart `a` and `b`." in third.sentence
+    both = third.model_copy(update={"alike": (("a", "b"), ("a", "c"))})
+    assert "tried tells apart `a` and `b`, nor `a` and `c`." in both.sentence
 
 
 @pytest.mark.parametrize(

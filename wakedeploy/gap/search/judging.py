@@ -19,7 +19,13 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.artefacts import Leftover
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead, searched_on, theta_from
-from wakedeploy.gap.search.outcome import Named, evident_yet_unnamed, verdict_of
+from wakedeploy.gap.search.outcome import (
+    OUTDONE,
+    Named,
+    evident_yet_unnamed,
+    marked,
+    verdict_of,
+)
 from wakedeploy.gap.search.restarts import begun_anew, bettered
 from wakedeploy.gap.search.rounds import with_one_more
 from wakedeploy.gap.search.scan import NOTHING
@@ -147,6 +153,8 @@ def _searched(
     outcome = _found(model, base, outcome, progress, anew)
     needed = any(weight.low > RULES.surely_share for weight in outcome.weights.values())
     if not needed and is_outdone(model, outcome.found):
+        for name in outcome.found.hypothesis:
+            outcome.rounds[:] = [marked(r, name, OUTDONE) for r in outcome.rounds]
         outcome = replace(outcome, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     return replace(outcome, leftover=model.leftovers(outcome.found))
 

@@ -23,6 +23,7 @@ WORSE = "forecasts get worse"
 UNSEEN_WORSE = "forecasts of sealed episodes get no better"
 HARDLY = "evident, but forecasts hardly change"
 REFINES = "it only refines what was found"
+OUTDONE = "forecasts get better, but no better than the last reading or the mean"
 TRIFLE = "a trifle of the gap that there was"
 ACCEPTED = "accepted"
 

@@ -75,6 +75,15 @@ def test_a_push_without_a_law_is_something_to_log() -> None:
         assert step.startswith("Look for what acts on speed_mps and stands in no column")
 
 
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_push_that_follows_a_coordinate_without_a_law_contradicts_nothing(follows: bool) -> None:
+    against = {"coordinate": "yaw_rad", "unit": "rad", "share": 0.9, "edges": [0.0, 1.0],
+               "means": [-1.0, 1.0]}  # fmt: skip
+    told = sentences(unknown(unexplained=[push(**({"against": against} if follows else {}))]))
+    (line,) = [x.strip() for x in told if "a disturbance acts so" in x]
+    assert line.startswith("But forecasts bear out no law" if follows else "No law over one")
+
+
 def test_too_many_rivals_are_told_apart_by_an_input() -> None:
     rivals = ["a@x", "b@x", "c@x", "d@x"]
     answer = unknown(**{"class": rivals})

@@ -38,6 +38,14 @@ def test_only_outputs_that_change_are_named_what_gains_most_first() -> None:
     )
 
 
+def test_where_nothing_is_missing_it_is_said_that_forecasts_err_far_more_than_a_sensor() -> None:
+    noise = {"noise.a": {"value": 0.01, "unit": "rad"}, "noise.b": {"value": 0.1, "unit": "rad"}}
+    nothing = {"verdict": "none", "effects": [], "noise": noise}
+    far = matters({"a": (0.27, 0.27), "b": (0.2, 0.2)}, **nothing)
+    assert "That is 27 times what the sensor of a errs: a disturbance acts" in far
+    assert "times what the sensor" not in matters({"a": (0.05, 0.05), "b": (0.2, 0.2)}, **nothing)
+
+
 def test_an_output_that_gets_worse_is_named() -> None:
     said = matters({"speed": (0.0191, 0.0207), "gyro": (0.116, 0.0117)})
     assert "off by less: gyro by 0.0117 rad instead of 0.116 rad." in said
@@ -173,6 +181,18 @@ def test_an_effect_that_is_not_named_is_listed_although_others_were_tried_beside
     assert "offset@v" not in screen
 
 
+def test_a_rival_is_not_listed_as_unnamed() -> None:
+    """It alone improves forecasts hardly, and still no log tells it from the one that does."""
+    first = ranked({"mass@v": 40.0, LAG: 90.0, "stop@v": 20.0}, [])
+    for entry in first["ranking"][1:]:
+        entry["judged"] = HARDLY
+    effects = [{"name": "mass@v", "parameters": {}, "forecast": SHARE}]
+    rivals = {"verdict": "class", "class": ["mass@v", LAG]}
+    screen = " ".join(sentences(result(effects=effects, rounds=[first], **rivals)))
+    assert "Not named: stop@v" in screen
+    assert f"Not named: {LAG}" not in screen
+
+
 def test_an_effect_that_outlived_the_first_one_is_not_listed_as_unnamed() -> None:
     """The lag went once the stop explained it; beside nothing, the stop had hardly told."""
     first = ranked({LAG: 90.0, "stop@v": 40.0}, [])
@@ -212,6 +232,19 @@ def test_an_unknown_is_clear_where_an_effect_gains_what_it_has_to(
     screen = " ".join(first_screen(result(verdict="unknown", effects=[], rounds=rounds)))
     assert ("finds something this clear" in screen) == clear
     assert ("more than the sensors' noise" in screen) != clear
+
+
+def test_a_constant_that_ends_at_its_bound_says_so_and_that_its_sign_may_be_wrong() -> None:
+    ends = {"drag": (0.001, 0.001, 0.6), "mass": (9.0, 3.0, 9.0), "gain": (0.5, 0.001, 0.9)}
+    constants = {
+        name: {"value": value, "low": low, "high": high, "unit": "1"}
+        for name, (value, low, high) in ends.items()
+    }
+    lines = sentences(result(constants=constants, stated=dict.fromkeys(ends, 1.0)))
+    (drag,), (mass,), (gain,) = ([x for x in lines if x.startswith(f"    {n}")] for n in ends)
+    assert drag.endswith(", as far as it may go without changing its sign")
+    assert mass.endswith(", as far as it may go")
+    assert gain.endswith(")")
 
 
 def test_constants_as_fitted_stand_in_the_details() -> None:
@@ -267,6 +300,7 @@ def test_in_a_class_halves_say_no_more_and_what_they_leave_open() -> None:
     text = "\n".join(lines)
     assert "Each half of the logs by itself says no more." in text
     assert text.count("or sensor-lag@yaw") >= 2
+    assert f"or sensor-lag@yaw; and {LAG} (" in text
 
 
 def test_a_name_that_may_stand_for_a_lag_behind_a_curve_is_doubted_and_the_law_comes_next() -> None:
@@ -275,6 +309,26 @@ def test_a_name_that_may_stand_for_a_lag_behind_a_curve_is_doubted_and_the_law_c
     assert "What next? State what the law makes of pulse_us as an input of its own" in text
     assert "use the corrected system" not in text
     assert "by a curve" not in "\n".join(told({"cart": (0.47, 0.015)}))
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "value", "is_doubted"),
+    [
+        ("added-inertia@v", "ratio", 2.4, True),
+        ("added-inertia@v", "ratio", 0.3, False),
+        ("added-inertia@v", "ratio", -0.5, False),
+        ("sensor-gain@x", "error", -0.8, True),
+        ("gain@u", "error", -0.2, False),
+        ("drag@v", "ratio", 2.4, False),
+    ],
+)
+def test_an_effect_by_which_inputs_do_far_less_may_stand_for_a_force_that_is_held_against(
+    name: str, parameter: str, value: float, is_doubted: bool
+) -> None:
+    size = {"value": value, "low": value - 0.1, "high": value + 0.1, "unit": "1"}
+    effects = [{"name": name, "parameters": {parameter: size}, "forecast": SHARE}]
+    said = " ".join(first_screen(result(effects=effects)))
+    assert ("a force that stands in no column" in said) is is_doubted
 
 
 def test_halves_that_do_not_agree_ask_for_more_logs() -> None:

@@ -130,6 +130,10 @@ def test_an_answer_begins_with_whether_it_matters_how_sure_it_is_and_what_next(b
     assert f"that log is called {FURTHER_LOG}." in first[3]
     doubted = sentences(result.model_copy(update={"sealed_gain_nats": -1.0}))
     assert "do not confirm it" in doubted[2]
+    assert "forecasts get better by it, but the readings" in doubted[2]  # as the line above says
+    gap = {name: e.model_copy(update={"after": e.before}) for name, e in result.gap.items()}
+    alike = sentences(result.model_copy(update={"sealed_gain_nats": -1.0, "gap": gap}))
+    assert "forecasts get better by it" not in alike[2]
     open_ended = {"verdict": "unknown", "effects": [], "rounds": []}
     assert "Chance" not in sentences(result.model_copy(update=open_ended))[2]
     outdone = {"verdict": "unknown", "effects": [], "is_outdone": True}

@@ -9,6 +9,7 @@ from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import listed, measured, minus, scale_of
 
 _MOST_TOLD = 12
+_NEXT_TO_NOTHING = 0.01  # of its stated value: a constant that keeps its sign stops before 0
 
 
 def moved_words(answer: Answer) -> list[str]:
@@ -53,7 +54,10 @@ def constant_words(answer: Answer) -> list[str]:
         rows = [row for row in rows if row[0] in otherwise]
     if not rows:
         return []
-    lines = [f"  {name}: stated {known}, fitted {fitted}" for name, known, fitted in rows]
+    lines = [
+        f"  {name}: stated {known}, fitted {fitted}{_stopped(answer, name)}"
+        for name, known, fitted in rows
+    ]
     lines = lines[:_MOST_TOLD]
     more = len(rows) - len(lines)
     rest = [f"  and {more} more, in the report"] if more else []
@@ -61,6 +65,15 @@ def constant_words(answer: Answer) -> list[str]:
     if is_quiet:
         beside = ", where the logs know them better than is stated"
     return [f"Constants, as fitted{beside}:", *lines, *rest]
+
+
+def _stopped(answer: Answer, name: str) -> str:
+    """That a constant ended at its bound; near 0 its sign may be wrong. "" for all others."""
+    size = answer.constants[name]
+    if size.value not in (size.low, size.high) or size.low == size.high:
+        return ""
+    near_0 = abs(size.value) < _NEXT_TO_NOTHING * abs(answer.stated[name])
+    return f", as far as it may go{' without changing its sign' if near_0 else ''}"
 
 
 def told_otherwise(answer: Answer) -> list[str]:

@@ -5,7 +5,7 @@ In: an answer of a system. Out: sentences for a terminal and a page.
 
 from wakedeploy.gap.search.artefacts import Answer, Half, Size
 from wakedeploy.gap.systems.answers.reader_units import as_read
-from wakedeploy.gap.wording import halves_said, span
+from wakedeploy.gap.wording import halves_said, listed, span
 
 
 def repeated_sentences(answer: Answer) -> list[str]:
@@ -36,5 +36,6 @@ def _half(half: Half) -> str:
     middle = 0.5 * (half.low + half.high)
     size = Size(value=middle, low=half.low, high=half.high, unit=half.unit)
     name, told = as_read(half.leading, half.parameter, size)
-    others = "".join(f" or {other}" for other in half.near if other != half.leading)
-    return f"{half.leading} ({name} {span(told.low, told.high, told.unit)}){others}"
+    others = [other for other in half.near if other != half.leading]
+    alike = f" or {listed(others, 'or')}" if others else ""
+    return f"{half.leading} ({name} {span(told.low, told.high, told.unit)}){alike}"

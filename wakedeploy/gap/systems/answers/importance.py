@@ -11,6 +11,7 @@ from wakedeploy.gap.search.artefacts import Answer, Effect, Error, Forecast, Res
 from wakedeploy.gap.wording import UNKNOWN, listed, percent, quantity
 
 _MOST_NAMED = 3
+_FAR_BEYOND = 10.0  # times a sensor's noise
 _NOTHING = 0.005  # of a share, which is printed in whole percent
 
 OutputError = tuple[str, Error]
@@ -26,8 +27,24 @@ def importance(result: Result) -> str:
     errors = [f"{name} by {quantity(e.before, e.unit)}" for name, e in result.gap.items()]
     off = f"F{ahead} of blocks kept apart are off: {listed(errors)}"
     if result.verdict == "none":
-        return f"No. {off}, and no effect makes that clearly smaller."
+        return f"No. {off}, and no effect makes that clearly smaller.{_beyond_noise(result)}"
     return f"{off}. Whether that is much, you know best."
+
+
+def _beyond_noise(result: Result) -> str:
+    """That forecasts err far more than a sensor, which "nothing is missing" may hide; or ""."""
+    ratios = {
+        name: error.before / noise.value
+        for name, error in result.gap.items()
+        if (noise := result.noise.get(f"noise.{name}")) is not None and noise.value > 0.0
+    }
+    most = max(ratios, key=lambda name: ratios[name], default=None)
+    if most is None or not ratios[most] > _FAR_BEYOND:
+        return ""
+    return (
+        f" That is {ratios[most]:.0f} times what the sensor of {most} errs: a disturbance acts, or "
+        "what none of the effects that the ports offer explains."
+    )
 
 
 def removed_of(answer: Answer, effect: Effect) -> str:

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from wakedeploy.domains.tables.reading import without_ending
 from wakedeploy.gap.search.artefacts import Result
 from wakedeploy.gap.systems.answers.folder import CORRECTION
 from wakedeploy.gap.systems.answers.words import FURTHER_LOG, members
@@ -27,7 +28,7 @@ def next_commands(
     """
     system, folder = shlex.quote(str(system_path)), shlex.quote(str(out))
     searched = [f"--measured {shlex.quote(str(path))}" for path in measured]
-    further = f"--measured {shlex.quote(FURTHER_LOG + measured[0].suffix)}"
+    further = f"--measured {shlex.quote(FURTHER_LOG + _ending(measured[0]))}"
     by = [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
     logs = " ".join(searched + by)
     if result.curved:  # the same again, of a system that states the law
@@ -51,3 +52,8 @@ def next_commands(
         f"wakedeploy gap plan --system {system} {logs} --out {folder} --write-input next.csv",
         f"wakedeploy gap close --system {system} {all_logs} --out {folder}",
     ]
+
+
+def _ending(path: Path) -> str:
+    """The ending of a log's format, such as `.csv` or `.csv.gz`."""
+    return path.name.removeprefix(without_ending(path.name)) or path.suffix

@@ -8,10 +8,12 @@ the place of the numbers, and the remarks.
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import (
     Answer,
     Artefact,
     Disagreements,
+    Effect,
     Forecast,
     Leftover,
     Ranked,
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
 
 FURTHER_LOG = "new"  # stands in commands for a log that was not searched
 _MOST_PLACES, _MOST_RANKED = 6, 5
+_FAR_LESS = 2.0 / 3.0  # of what inputs do by a system
 _FAR_AHEAD = (
     "Found where the system predicts far ahead, from a few readings a forecast; from the next "
     "reading alone came no such answer."
@@ -166,9 +169,44 @@ def _certainty(result: Result) -> str:
         evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
-    rest = "" if result.white.after.passes else _MORE_IS_LEFT
-    said = [beyond, _borne_out(result), repeated_answer(result), _curved(result), rest]
+    doubts = _curved(result), _held_against(result), _rest(result)
+    said = [beyond, _borne_out(result), repeated_answer(result), *doubts]
     return " ".join(sentence for sentence in said if sentence)
+
+
+def _held_against(result: Result) -> str:
+    """For what an effect may stand that makes outputs answer inputs by far less; "" for others.
+
+    A controller answers a force by its input, and nothing moves: as if the input did little.
+    """
+    answered = min((_answered(effect) for effect in result.effects), default=1.0)
+    if answered > _FAR_LESS:
+        return ""
+    return (
+        f"But with it inputs do {whole_percent(answered)} of what the system says: where a "
+        "controller gives them, a force that stands in no column, and that it holds against, looks "
+        "like that, too."
+    )
+
+
+def _answered(effect: Effect) -> float:
+    """The share of what inputs do by the system that is left with an effect."""
+    kind, sizes = effect.name.partition("@")[0], effect.parameters
+    if kind == "added-inertia" and "ratio" in sizes:
+        return 1.0 / (1.0 + sizes["ratio"].value)
+    is_gain = kind in ("gain", "sensor-gain") and "error" in sizes
+    return 1.0 + sizes["error"].value if is_gain else 1.0
+
+
+def _rest(result: Result) -> str:
+    """What is left beside names: a push that is most of what acts, more than noise, or ""."""
+    push = max(result.unexplained, key=lambda push: push.share, default=None)
+    if push is not None and push.share > RULES.unknown_push:
+        return (
+            f"Something else acts, too: a push on {push.state} of {whole_percent(push.share)} of "
+            "its usual rate is left, which nothing explains."
+        )
+    return "" if result.white.after.passes else _MORE_IS_LEFT
 
 
 def _curved(result: Result) -> str:
@@ -190,6 +228,13 @@ def _borne_out(result: Result) -> str:
     apart = f"readings of {counted(sealed, 'block')} kept apart"
     if result.sealed_gain_nats > 0.0:
         return f"{found}; the {apart} bear it out."
+    if any(
+        error.after < (1.0 - RULES.error_trifle) * error.before for error in result.gap.values()
+    ):
+        return (
+            f"{found}; forecasts get better by it, but the {apart}, asked one after another, do "
+            "not confirm it: record more."
+        )
     return f"{found}; the {apart} do not confirm it: record more."
 
 
@@ -333,10 +378,12 @@ def _lawful(push: Leftover) -> str:
     """Whether a push follows a law, and what forecasts would gain by it."""
     law = push.law
     if law is None:
-        return (
-            "No law over one coordinate is evident in it, nor over one and the direction; "
-            "a disturbance acts so."
+        none = (
+            "No law over one coordinate is evident in it"
+            if push.against is None
+            else "But forecasts bear out no law over one coordinate"
         )
+        return f"{none}, nor over one and the direction; a disturbance acts so."
     if law.removes <= 0.0:
         return f"A law over {over(law)} is evident, but forecasts get no better by it."
     removed = Forecast(share=law.removes, low=law.low, high=law.high)
@@ -355,8 +402,8 @@ def _signed(value: float) -> str:
 def _rejected(answer: Answer) -> list[str]:
     """What was evident beside what is named, but is not named itself, and why; what was withdrawn.
 
-    A later round may have tried effects beside one that is not named; it says nothing of an answer
-    without that one.
+    Rivals are named above. A later round may have tried effects beside one that is not named; it
+    says nothing of an answer without that one.
     """
     if not answer.rounds:
         return []
@@ -369,4 +416,5 @@ def _rejected(answer: Answer) -> list[str]:
     }
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)
     judged |= {effect.name: UNSEEN_WORSE for effect in ranked if effect.judged == UNSEEN_WORSE}
-    return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in named]
+    told = named | set(answer.rivals)
+    return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in told]

@@ -254,12 +254,17 @@ def force_unit(system: System, port: Port) -> str:
     """The unit of a force at the port, from those of its inertia and its speed."""
     if port.unit:
         return port.unit
-    rate = f"{system.states[port.name]}/s"
+    rate = rate_unit(system.states[port.name])
     if not port.inertia:
-        return {"m/s/s": "m/s²", "rad/s/s": "rad/s²"}.get(rate, rate)
+        return rate
     inertia = system.unit_of_constant(port.inertia)
-    known = {("kg", "m/s/s"): "N", ("kg m²", "rad/s/s"): "N m", ("kg m^2", "rad/s/s"): "N m"}
+    known = {("kg", "m/s²"): "N", ("kg m²", "rad/s²"): "N m", ("kg m^2", "rad/s²"): "N m"}
     return known.get((inertia, rate), f"{inertia} {rate}")
+
+
+def rate_unit(unit: str) -> str:
+    """The unit of a rate, from that of its state: m/s² of m/s."""
+    return {"m/s": "m/s²", "rad/s": "rad/s²"}.get(unit, f"{unit}/s")
 
 
 def ports_alike(library: Mapping[str, Effect], name: str) -> list[str]:

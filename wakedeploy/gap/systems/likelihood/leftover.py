@@ -23,7 +23,7 @@ from wakedeploy.gap.search.residual_profiles import ranges
 from wakedeploy.gap.search.scan import chance_nats
 from wakedeploy.gap.search.weighing import unfitted, weight_of
 from wakedeploy.gap.systems.kinds.kind import Scales
-from wakedeploy.gap.systems.kinds.library import Effect, custom_kind, not_offered
+from wakedeploy.gap.systems.kinds.library import Effect, custom_kind, not_offered, rate_unit
 from wakedeploy.gap.systems.system import Port
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
     for k, name in enumerate(model.driven):
         sd = float(np.exp(fitted.value(f"push.{name}")))
         share = sd / model.sizes[f"d {name}"]
-        unit = f"{model.system.states[name]}/s"
+        unit = rate_unit(model.system.states[name])
         lasts_s = float(np.exp(fitted.value(f"lasting.{name}")))
         push = Leftover(
             state=name,
@@ -56,7 +56,7 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
             not_offered=not_offered(model.system, name, model.sizes),
             has_port=any(p.role == "force" and p.name == name for p in model.system.ports),
         )
-        if share > RULES.push_share and fitted.standard_error(f"push.{name}") < RULES.push_ln_sd:
+        if share > RULES.push_share and _is_known(fitted, f"push.{name}", share):
             large.append(push.model_copy(update={"against": _followed(model, fitted, k)}))
         elif not fitted.hypothesis:
             small.append(push)
@@ -67,6 +67,18 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
     lawful = (_asked(asked, fitted, push) for push in small)
     pushes += [push for push in lawful if _is_gained_by(push)]
     return tuple(sorted(pushes, key=lambda push: -push.share))
+
+
+def _is_known(fitted: Fit, parameter: str, share: float) -> bool:
+    """Whether a push's size is known, or how little it is at least.
+
+    What pushes in a few blocks alone, as a hand does now and then, has a size that blocks hardly
+    agree on, and may be most of what acts.
+    """
+    if fitted.standard_error(parameter) < RULES.push_ln_sd:
+        return True
+    ln_least = fitted.interval(parameter)[0] - fitted.value(parameter)
+    return share * float(np.exp(ln_least)) > RULES.unknown_push
 
 
 def _refitted(model: "LogModel", fitted: Fit) -> tuple["LogModel", Fit]:

@@ -98,7 +98,7 @@ class Planned(Artefact):
         if not self.alike:
             return []
         pairs = [" and ".join(f"`{name}`" for name in pair) for pair in self.alike]
-        return [f"No input that was tried tells apart {listed(pairs)}."]
+        return [f"No input that was tried tells apart {', nor '.join(pairs)}."]
 
 
 def planned(made: Plan, domain: str, key: str = "") -> Planned:
