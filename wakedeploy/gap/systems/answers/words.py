@@ -8,22 +8,20 @@ the place of the numbers, and the remarks.
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import (
     Answer,
     Artefact,
     Disagreements,
-    Effect,
     Forecast,
     Leftover,
-    Ranked,
     Result,
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
 from wakedeploy.gap.systems.answers.advice import more_than_named, over, rest_words, unknown_step
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words, told_otherwise
-from wakedeploy.gap.systems.answers.halves import repeated_answer, repeated_sentences
+from wakedeploy.gap.systems.answers.certainty import certainty, nearest
+from wakedeploy.gap.systems.answers.halves import repeated_sentences
 from wakedeploy.gap.systems.answers.importance import (
     by_output,
     importance,
@@ -35,7 +33,6 @@ from wakedeploy.gap.systems.answers.reader_units import as_read
 from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.wording import (
     DETAILS,
-    counted,
     listed,
     measured,
     minus,
@@ -48,12 +45,10 @@ if TYPE_CHECKING:
 
 FURTHER_LOG = "new"  # stands in commands for a log that was not searched
 _MOST_PLACES, _MOST_RANKED = 6, 5
-_FAR_LESS = 2.0 / 3.0  # of what inputs do by a system
 _FAR_AHEAD = (
     "Found where the system predicts far ahead, from a few readings a forecast; from the next "
     "reading alone came no such answer."
 )
-_MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
 
 def sentences(artefact: Artefact, planned: "Planned | None" = None) -> list[str]:
@@ -74,7 +69,7 @@ def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
     return [
         *_verdict(result),
         f"Does it matter? {importance(result)}",
-        f"How sure is that? {_certainty(result)}",
+        f"How sure is that? {certainty(result)}",
         f"What next? {next_step(result, planned)}",
     ]
 
@@ -151,93 +146,6 @@ def lacking_of_class(answer: Answer) -> str:
     return f"{listed(sure)}, and {rivals}" if sure else rivals
 
 
-def _certainty(result: Result) -> str:
-    """What the answer rests on."""
-    if result.moved:
-        return "Not before constants and units are known to be right."
-    if result.verdict == "none" and nearest(result):
-        return (
-            "Less than usual: in a few loud moments more than noise acts, and whether an effect or "
-            "a disturbance these logs cannot tell."
-        )
-    if result.verdict == "none":
-        return "Where nothing is missing, one search in twenty names something; this one did not."
-    beyond = "Where nothing is missing, fewer than one search in twenty finds something this clear."
-    if result.is_outdone:
-        return "It rests on forecasts of all blocks that were fitted, not on a search."
-    if result.verdict == "unknown":
-        evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
-        noise = "What is left is more than the sensors' noise, and lasts."
-        return f"{beyond if evident else noise} What it is, is open."
-    doubts = _curved(result), _held_against(result), _rest(result)
-    said = [beyond, _borne_out(result), repeated_answer(result), *doubts]
-    return " ".join(sentence for sentence in said if sentence)
-
-
-def _held_against(result: Result) -> str:
-    """For what an effect may stand that makes outputs answer inputs by far less; "" for others.
-
-    A controller answers a force by its input, and nothing moves: as if the input did little.
-    """
-    answered = min((_answered(effect) for effect in result.effects), default=1.0)
-    if answered > _FAR_LESS:
-        return ""
-    return (
-        f"But with it inputs do {whole_percent(answered)} of what the system says: where a "
-        "controller gives them, a force that stands in no column, and that it holds against, looks "
-        "like that, too."
-    )
-
-
-def _answered(effect: Effect) -> float:
-    """The share of what inputs do by the system that is left with an effect."""
-    kind, sizes = effect.name.partition("@")[0], effect.parameters
-    if kind == "added-inertia" and "ratio" in sizes:
-        return 1.0 / (1.0 + sizes["ratio"].value)
-    is_gain = kind in ("gain", "sensor-gain") and "error" in sizes
-    return 1.0 + sizes["error"].value if is_gain else 1.0
-
-
-def _rest(result: Result) -> str:
-    """What is left beside names: a push that is most of what acts, more than noise, or ""."""
-    push = max(result.unexplained, key=lambda push: push.share, default=None)
-    if push is not None and push.share > RULES.unknown_push:
-        return (
-            f"Something else acts, too: a push on {push.state} of {whole_percent(push.share)} of "
-            "its usual rate is left, which nothing explains."
-        )
-    return "" if result.white.after.passes else _MORE_IS_LEFT
-
-
-def _curved(result: Result) -> str:
-    """For what a name may stand; "" where no input that acts by a curve is near it."""
-    if not result.curved:
-        return ""
-    return (
-        f"But {listed(result.curved)} acts by a curve: what lags behind that, as a motor behind "
-        "the square of its command, has no port, and what is named may stand for it."
-    )
-
-
-def _borne_out(result: Result) -> str:
-    """What blocks kept apart say; of a class, that it is open."""
-    if result.verdict == "class":
-        return "Which of them it is, is open."
-    fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
-    found = f"Found on {counted(fitted, 'block')} of the logs"
-    apart = f"readings of {counted(sealed, 'block')} kept apart"
-    if result.sealed_gain_nats > 0.0:
-        return f"{found}; the {apart} bear it out."
-    if any(
-        error.after < (1.0 - RULES.error_trifle) * error.before for error in result.gap.values()
-    ):
-        return (
-            f"{found}; forecasts get better by it, but the {apart}, asked one after another, do "
-            "not confirm it: record more."
-        )
-    return f"{found}; the {apart} do not confirm it: record more."
-
-
 def next_step(result: Result, planned: "Planned | None" = None) -> str:
     """What to do; the commands stand below."""
     if result.moved:
@@ -276,19 +184,6 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
             f"that log, too. Until then use the system as it is. {how_small}"
         )
     return f"Use the system as it is. {how_small}"
-
-
-def nearest(answer: Answer) -> Ranked | None:
-    """The effect that would be evident, had not loud moments of these logs carried its gain.
-
-    None where an effect or a class is named, and where the best gains no more than quiet noise.
-    """
-    if answer.effects or answer.rivals or not answer.rounds:
-        return None
-    first = answer.rounds[0]
-    best = first.ranking[0] if first.ranking else None
-    is_near = best is not None and best.judged == CHANCE and best.gain_nats > first.steady_nats
-    return best if is_near else None
 
 
 def _nearest(answer: Answer) -> list[str]:

@@ -1,0 +1,114 @@
+"""How sure an answer is: what it rests on, and what may look like it.
+
+In: a `Result`. Out: sentences.
+"""
+
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.artefacts import Answer, Effect, Ranked, Result
+from wakedeploy.gap.search.outcome import CHANCE
+from wakedeploy.gap.systems.answers.halves import repeated_answer
+from wakedeploy.gap.systems.answers.importance import whole_percent
+from wakedeploy.gap.wording import counted, listed
+
+_FAR_LESS = 2.0 / 3.0  # of what inputs do by a system
+_MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
+
+
+def certainty(result: Result) -> str:
+    """What the answer rests on."""
+    if result.moved:
+        return "Not before constants and units are known to be right."
+    if result.verdict == "none" and nearest(result):
+        return (
+            "Less than usual: in a few loud moments more than noise acts, and whether an effect or "
+            "a disturbance these logs cannot tell."
+        )
+    if result.verdict == "none":
+        return "Where nothing is missing, one search in twenty names something; this one did not."
+    beyond = "Where nothing is missing, fewer than one search in twenty finds something this clear."
+    if result.is_outdone:
+        return "It rests on forecasts of all blocks that were fitted, not on a search."
+    if result.verdict == "unknown":
+        evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
+        noise = "What is left is more than the sensors' noise, and lasts."
+        return f"{beyond if evident else noise} What it is, is open."
+    doubts = _curved(result), _held_against(result), _rest(result)
+    said = [beyond, _borne_out(result), repeated_answer(result), *doubts]
+    return " ".join(sentence for sentence in said if sentence)
+
+
+def _held_against(result: Result) -> str:
+    """For what an effect may stand that makes outputs answer inputs by far less; "" for others.
+
+    A controller answers a force by its input, and nothing moves: as if the input did little.
+    """
+    answered = min((_answered(effect) for effect in result.effects), default=1.0)
+    if answered > _FAR_LESS:
+        return ""
+    return (
+        f"But with it inputs do {whole_percent(answered)} of what the system says: where a "
+        "controller gives them, a force that stands in no column, and that it holds against, looks "
+        "like that, too."
+    )
+
+
+def _answered(effect: Effect) -> float:
+    """The share of what inputs do by the system that is left with an effect."""
+    kind, sizes = effect.name.partition("@")[0], effect.parameters
+    if kind == "added-inertia" and "ratio" in sizes:
+        return 1.0 / (1.0 + sizes["ratio"].value)
+    is_gain = kind in ("gain", "sensor-gain") and "error" in sizes
+    return 1.0 + sizes["error"].value if is_gain else 1.0
+
+
+def _rest(result: Result) -> str:
+    """What is left beside names: a push that is most of what acts, more than noise, or ""."""
+    push = max(result.unexplained, key=lambda push: push.share, default=None)
+    if push is not None and push.share > RULES.unknown_push:
+        return (
+            f"Something else acts, too: a push on {push.state} of {whole_percent(push.share)} of "
+            "its usual rate is left, which nothing explains."
+        )
+    return "" if result.white.after.passes else _MORE_IS_LEFT
+
+
+def _curved(result: Result) -> str:
+    """For what a name may stand; "" where no input that acts by a curve is near it."""
+    if not result.curved:
+        return ""
+    return (
+        f"But {listed(result.curved)} acts by a curve: what lags behind that, as a motor behind "
+        "the square of its command, has no port, and what is named may stand for it."
+    )
+
+
+def _borne_out(result: Result) -> str:
+    """What blocks kept apart say; of a class, that it is open."""
+    if result.verdict == "class":
+        return "Which of them it is, is open."
+    fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
+    found = f"Found on {counted(fitted, 'block')} of the logs"
+    apart = f"readings of {counted(sealed, 'block')} kept apart"
+    if result.sealed_gain_nats > 0.0:
+        return f"{found}; the {apart} bear it out."
+    if any(
+        error.after < (1.0 - RULES.error_trifle) * error.before for error in result.gap.values()
+    ):
+        return (
+            f"{found}; forecasts get better by it, but the {apart}, asked one after another, do "
+            "not confirm it: record more."
+        )
+    return f"{found}; the {apart} do not confirm it: record more."
+
+
+def nearest(answer: Answer) -> Ranked | None:
+    """The effect that would be evident, had not loud moments of these logs carried its gain.
+
+    None where an effect or a class is named, and where the best gains no more than quiet noise.
+    """
+    if answer.effects or answer.rivals or not answer.rounds:
+        return None
+    first = answer.rounds[0]
+    best = first.ranking[0] if first.ranking else None
+    is_near = best is not None and best.judged == CHANCE and best.gain_nats > first.steady_nats
+    return best if is_near else None
