@@ -40,6 +40,9 @@ class _Offering(ComparisonDefaults):
         port = name.partition("@")[2]
         return [f"{kind}@{port}" for each in kinds_of(name) for kind in each.simpler]
 
+    def inputs_answered(self, fitted, name):
+        return 0.5 if name.startswith("added-inertia@") else 1.0
+
 
 def _verdict(name, why, gains, error, neutral=(0.0,)):
     """A candidate whose forecasts of 24 stretches are off by `error`, give or take a fifth."""
@@ -134,6 +137,16 @@ def test_forecasts_tell_apart_what_blocks_do_not():
     gains = [4.0, 1.0, 5.0, 2.0]
     members = [_verdict(n, ACCEPTED, gains, e) for n, e in (("a", 1.0), ("bb", 1.01), ("ccc", 2.0))]
     assert [v.candidate.name for v in undecided(_Offering(), members)] == ["a", "bb"]
+
+
+@pytest.mark.parametrize(
+    ("better", "told"),
+    [("added-inertia@v", ["wake", "added-inertia@v"]), ("offset@v", ["offset@v"])],
+)
+def test_forecasts_take_out_no_leader_for_what_makes_inputs_do_less(better, told):
+    """A wake acts in a few blocks; a controller holds against it, as if there were more mass."""
+    wake = _verdict("wake", ACCEPTED, [30.0, 0.0, 18.0, 0.0], 1.5)
+    assert _told(wake, _verdict(better, ACCEPTED, [12.0, 6.0, 18.0, 1.0], 1.0)) == told
 
 
 def test_a_trifle_tells_no_forecasts_apart_however_sure_it_is():

@@ -142,6 +142,10 @@ class Comparison(Model, Protocol):
         """Whether an effect is a finer law of the friction that a simpler one is."""
         ...
 
+    def inputs_answered(self, fitted: Fit, name: str) -> float:
+        """What inputs do with an effect, as fitted, as a share of what they do without."""
+        ...
+
     def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
         """What still acts and nothing explains."""
         ...
@@ -211,6 +215,10 @@ class ComparisonDefaults:
     def is_friction_law(self, name: str) -> bool:
         """No effect is."""
         return False
+
+    def inputs_answered(self, fitted: Fit, name: str) -> float:
+        """No effect says that it changes that."""
+        return 1.0
 
     def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
         """What acts beside the effects is noise."""

@@ -161,8 +161,16 @@ def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> li
 
 
 def _alike(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """A leader and the effects that recordings cannot tell from it, without mere elaborations."""
+    """A leader and the effects that recordings cannot tell from it, without mere elaborations.
+
+    Forecasts do not take out a leader if all that they leave makes inputs do less. A controller's
+    inputs answer what acts on a system; a forecast that does not know of it yet takes them as they
+    come, and is better the less they do.
+    """
     alike = undecided(model, [leader, *_rivals(model, leader, verdicts)])
+    fits = [v.candidate for v in alike]
+    if leader not in alike and all(model.inputs_answered(c.fit, c.name) < 1.0 for c in fits):
+        alike = [leader, *alike]
     names = [v.candidate.name for v in alike]
     return [
         v

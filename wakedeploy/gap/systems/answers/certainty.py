@@ -8,6 +8,7 @@ from wakedeploy.gap.search.artefacts import Answer, Effect, Ranked, Result
 from wakedeploy.gap.search.outcome import CHANCE
 from wakedeploy.gap.systems.answers.halves import repeated_answer
 from wakedeploy.gap.systems.answers.importance import whole_percent
+from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import counted, listed
 
 _FAR_LESS = 2.0 / 3.0  # of what inputs do by a system
@@ -54,11 +55,9 @@ def _held_against(result: Result) -> str:
 
 def _answered(effect: Effect) -> float:
     """The share of what inputs do by the system that is left with an effect."""
-    kind, sizes = effect.name.partition("@")[0], effect.parameters
-    if kind == "added-inertia" and "ratio" in sizes:
-        return 1.0 / (1.0 + sizes["ratio"].value)
-    is_gain = kind in ("gain", "sensor-gain") and "error" in sizes
-    return 1.0 + sizes["error"].value if is_gain else 1.0
+    sizes = {name: size.value for name, size in effect.parameters.items()}
+    kinds = [k for k in kinds_of(effect.name) if sizes.keys() == {p.name for p in k.parameters}]
+    return min((kind.inputs_answered(sizes) for kind in kinds), default=1.0)
 
 
 def _rest(result: Result) -> str:

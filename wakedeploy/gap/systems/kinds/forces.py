@@ -4,6 +4,7 @@ Each is written for one point and called with arrays; `at` is where the system i
 parameters. Dry friction is no force but a bound on one: see `physics.friction`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -330,6 +331,10 @@ class AddedInertia(ForceKind):
     source = "Brennen, A Review of Added Mass, 1982"
     needs = ("inertia",)
     parameters = (Parameter("ratio", {}, low=-0.9, high=5.0, starts=(0.1, -0.1), prior=0.5),)
+
+    def inputs_answered(self, sizes: Mapping[str, float]) -> float:
+        """The stated mass over all that moves."""
+        return 1.0 / (1.0 + sizes["ratio"])
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """The part of the system's own force that no longer accelerates it."""

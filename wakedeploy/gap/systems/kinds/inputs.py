@@ -6,6 +6,7 @@ moving then reaches the system from where no column says. What is late adds stat
 of a lag decay, that of a dead time ends with it.
 """
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -313,6 +314,10 @@ class Gain(InputKind):
     equation = "(1 + error) u"
     source = _LJUNG
     parameters = (Parameter("error", {}, low=-1.0, high=3.0, starts=(0.1, -0.1), prior=0.5),)
+
+    def inputs_answered(self, sizes: Mapping[str, float]) -> float:
+        """What the gain is in all."""
+        return 1.0 + sizes["error"]
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """Scaled."""

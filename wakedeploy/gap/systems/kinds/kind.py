@@ -110,6 +110,10 @@ class Kind:
     # last to one side. Without, the kind is another's double, or not there.
     needs: ClassVar[tuple[str, ...]] = ()
 
+    def inputs_answered(self, sizes: Mapping[str, float]) -> float:
+        """What inputs do with an effect of these sizes, as a share of what they do without."""
+        return 1.0
+
 
 def pace(tau_s: FloatArray, dt_s: float, discrete: bool, least_s: float) -> FloatArray:
     """Share of what a state is away from its value that goes in a second.

@@ -1,5 +1,7 @@
 """Kinds that act at a sensor, and kinds that change a constant."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters, pace
@@ -63,6 +65,10 @@ class SensorGain(OutputKind):
     equation = "(1 + error) y"
     source = _SENSORS
     parameters = (Parameter("error", {}, low=-0.9, high=3.0, starts=(0.05, -0.05), prior=0.3),)
+
+    def inputs_answered(self, sizes: Mapping[str, float]) -> float:
+        """What the gain is in all."""
+        return 1.0 + sizes["error"]
 
     def reading(
         self,

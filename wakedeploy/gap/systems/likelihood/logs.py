@@ -261,6 +261,13 @@ class LogModel(ComparisonDefaults):
         """Whether an effect is a finer law of the friction that a simpler one is."""
         return self.library[name].kind.is_friction_law
 
+    def inputs_answered(self, fitted: Fit, name: str) -> float:
+        """What inputs do with an effect, as fitted, as a share of what they do without."""
+        kind = self.library[name].kind
+        return kind.inputs_answered(
+            {p.name: fitted.value(f"{name}.{p.name}") for p in kind.parameters}
+        )
+
     def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
         """What still acts and nothing explains; () far ahead."""
         return leftovers(self, fitted) if self.is_pushed else ()
