@@ -53,11 +53,15 @@ class Mass(System):
         return {"position_m": state.speed_mps, "speed_mps": force / c.mass_kg}
 
 
-def recorded(seed, delay_s=0.0, friction_n=0.0, seconds=40.0):
-    """The mass, integrated here in fine steps, with force noise and a noisy sensor."""
+def recorded(seed, delay_s=0.0, friction_n=0.0, seconds=40.0, driven=1.0):
+    """The mass, integrated here in fine steps, with force noise and a noisy sensor.
+
+    It is driven for a share of the time, then left alone.
+    """
     rng = np.random.default_rng(seed)
     n, fine = int(seconds * RATE), 10
     held = np.repeat(rng.standard_normal(n // 25 + 1) * 15.0, 25)[:n]
+    held[int(driven * n) :] = 0.0
     late = np.repeat(held, fine)
     shift = round(delay_s * RATE * fine)
     late = np.concatenate([np.full(shift, late[0]), late[: len(late) - shift]])
@@ -66,12 +70,28 @@ def recorded(seed, delay_s=0.0, friction_n=0.0, seconds=40.0):
     for k in range(n * fine):
         if k % fine == 0:
             shown[k // fine] = x
-            push = rng.standard_normal() * 0.3
+            push = rng.standard_normal() * 0.3 * (k < driven * n * fine)
         a = (late[k] + push - 30.0 * x - 3.0 * v - friction_n * np.tanh(v / 0.005)) / 2.0
         v += a * dt
         x += v * dt
     shown = shown + 1e-3 * rng.standard_normal(n)
     return Recording(f"made {seed}", np.arange(n) / RATE, {"force_n": held, "position_m": shown})
+
+
+def test_what_confirms_an_answer_moves():
+    """A log that goes on after the motion would be judged by blocks in which nothing happens."""
+    model = LogModel(Mass(), [recorded(1, friction_n=2.0, driven=0.5)])
+    assert model.sealed() == (7, 8)
+    base = fitted_base(model)
+    found = named(model, base).found
+    assert found.hypothesis == ("coulomb-friction@speed_mps",)
+    assert found.value("coulomb-friction@speed_mps.force") == pytest.approx(2.0, rel=0.2)
+
+
+@pytest.mark.parametrize("driven", [1.0, 0.9, 0.1])
+def test_the_last_quarter_confirms_where_it_moves_and_where_hardly_anything_does(driven):
+    model = LogModel(Mass(), [recorded(1, friction_n=2.0, driven=driven)])
+    assert model.sealed() == (12, 13, 14, 15)
 
 
 def test_a_system_that_costs_by_point_is_asked_for_nothing_ahead():

@@ -41,6 +41,11 @@ _USUAL = 0.98  # quantile of what is usual
 _ENDS = 0.995  # the same for how far a state goes: one stray reading is no end of it
 _FEW = 3  # samples between readings, from which readings are few
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
+_STILL, _IN_NOISE = (
+    0.02,
+    1.5,
+)  # of a usual size, of a sensor's sd: an output that moves no more rests
+_FEWEST_MOVING = 4  # blocks, one of which can confirm what three show
 _LN_SD = 2.0
 # ln sd by which a sensor may be better than stated or guessed: a filter that trusts a sensor
 # without limit takes the moment within a sample at which a force turned for a force.
@@ -88,6 +93,7 @@ class LogModel(ComparisonDefaults):
         self.effects = {name: effect.free for name, effect in self.library.items()}
         self.filter = Filter(self.logs, self.blocks, self._starts, self.driven, share)
         self.records = [self._record(b) for b in self.blocks]
+        self._sealed = self._confirming()
         self.is_pushed = True  # whether pushes that last are free in every hypothesis
         self.horizon = self._horizon()  # samples over which a forecast goes
 
@@ -177,9 +183,32 @@ class LogModel(ComparisonDefaults):
         return self._rates(states, inputs)
 
     def sealed(self) -> tuple[int, ...]:
-        """The last quarter of the blocks, in one piece: excitations may repeat."""
+        """The last quarter of the blocks, in one piece: excitations may repeat.
+
+        If most of these are at rest, as where a log goes on after the motion, it is the last
+        quarter of the blocks that move: at rest nothing bears an answer out.
+        """
+        return self._sealed
+
+    def _confirming(self) -> tuple[int, ...]:
+        """The blocks that are sealed."""
         count = max(round(RULES.sealed_share * self.episodes), 1)
-        return tuple(range(self.episodes - count, self.episodes))
+        last = tuple(range(self.episodes - count, self.episodes))
+        moving = [e for e in range(self.episodes) if self._moves(self.blocks[e])]
+        if 2 * len(set(last) & set(moving)) >= count or len(moving) < _FEWEST_MOVING:
+            return last
+        first = moving[-max(round(RULES.sealed_share * len(moving)), 1)]
+        return tuple(range(first, moving[-1] + 1))
+
+    def _moves(self, block: Block) -> bool:
+        """Whether any output moves in a block, by its usual size and by its sensor's noise."""
+        for output, row in zip(self.system.outputs, self.logs[block.log].outputs, strict=True):
+            read = row[block.start : block.stop]
+            read = read[np.isfinite(read)]
+            is_wide = len(read) > 1 and np.ptp(read) > _STILL * self.sizes[f"y {output.name}"]
+            if is_wide and read.std() > _IN_NOISE * (output.noise or 0.0):
+                return True
+        return False
 
     def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
         """Noise, clocks, constants, form, and the effects' parameters."""
