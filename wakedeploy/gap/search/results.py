@@ -5,6 +5,7 @@ In: a `Comparison`, its fits, and what was named. Out: the artefacts of `find`, 
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from statistics import NormalDist
 
 import numpy as np
 
@@ -41,6 +42,8 @@ from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
 from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters
 from wakedeploy.gap.search.weighing import unseen, weight_of
+
+_REACH_SD = NormalDist().inv_cdf(RULES.interval_quantile)  # of a normal interval
 
 
 def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
@@ -178,12 +181,18 @@ def _effect(outcome: Named, name: str, all_sizes: Sizes) -> Effect:
 
 
 def _constants(fitted: Fit) -> Sizes:
-    """Every constant that was fitted, with its interval."""
+    """Every constant that was fitted, with its interval.
+
+    It reaches no farther than what is stated of the constant alone does: where blocks that hardly
+    move do not agree, their spread would say less than nothing.
+    """
     sizes = {}
     for free in fitted.free:
         if free.name.startswith("constant."):
-            low, high = fitted.interval(free.name)
-            size = Size(value=fitted.value(free.name), low=low, high=high, unit=free.unit)
+            value, (low, high) = fitted.value(free.name), fitted.interval(free.name)
+            reach = _REACH_SD * free.prior_sd
+            low, high = max(low, value - reach), min(high, value + reach)
+            size = Size(value=value, low=low, high=high, unit=free.unit)
             sizes[free.name.removeprefix("constant.")] = size
     return sizes
 
