@@ -276,8 +276,8 @@ def halved(agree: bool, *spans: tuple[float, float]) -> dict[str, object]:
 def test_halves_that_agree_are_told_with_their_sizes() -> None:
     said = told({"a": (1.0, 0.5)}, **halved(True, (0.1, 0.14), (0.09, 0.12)))
     assert (
-        f"  Both halves of the logs say so by themselves: {LAG} (tau_s from 100 to 140 ms) and "
-        f"{LAG} (tau_s from 90 to 120 ms)."
+        f"  Both halves of the logs say so by themselves: {LAG} (tau from 100 to 140 ms) and "
+        f"{LAG} (tau from 90 to 120 ms)."
     ) in said
     (sure,) = [line for line in said if line.startswith("How sure is that? ")]
     assert "bear it out. Each half of the logs by itself says the same." in sure

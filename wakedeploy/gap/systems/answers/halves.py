@@ -5,7 +5,7 @@ In: an answer of a system. Out: sentences for a terminal and a page.
 
 from wakedeploy.gap.search.artefacts import Answer, Half, Size
 from wakedeploy.gap.systems.answers.reader_units import as_read
-from wakedeploy.gap.wording import halves_said, listed, span
+from wakedeploy.gap.wording import halves_said, listed, span, spoken
 
 
 def repeated_sentences(answer: Answer) -> list[str]:
@@ -38,4 +38,4 @@ def _half(half: Half) -> str:
     name, told = as_read(half.leading, half.parameter, size)
     others = [other for other in half.near if other != half.leading]
     alike = f" or {listed(others, 'or')}" if others else ""
-    return f"{half.leading} ({name} {span(told.low, told.high, told.unit)}){alike}"
+    return f"{half.leading} ({spoken(name)} {span(told.low, told.high, told.unit)}){alike}"

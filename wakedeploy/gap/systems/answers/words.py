@@ -38,6 +38,7 @@ from wakedeploy.gap.wording import (
     minus,
     nats,
     quantity,
+    spoken,
 )
 
 if TYPE_CHECKING:
@@ -287,7 +288,7 @@ def _lawful(push: Leftover) -> str:
 
 
 def _size(name: str, size: Size) -> str:
-    return f"{name} {measured(size.value, size.low, size.high, size.unit)}"
+    return f"{spoken(name)} {measured(size.value, size.low, size.high, size.unit)}"
 
 
 def _signed(value: float) -> str:
