@@ -31,7 +31,7 @@ from wakedeploy.gap.search.comparison import errors
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.system import StateSpace
 
 DEGREE, THRESHOLD = 3, 0.05  # of the polynomial library; share of the largest rate
 LAYERS = (32, 32)
@@ -182,13 +182,13 @@ def _within(learnt: Learnt, rates: FloatArray) -> Learnt:
     return lambda at: np.clip(np.nan_to_num(learnt(at)), low, high)
 
 
-def _joined(system: System, model: LogModel, learnt: Learnt) -> System:
+def _joined(system: StateSpace, model: LogModel, learnt: Learnt) -> StateSpace:
     """The system with what was learnt added to its driven rates."""
     cls, driven = type(system), model.driven
     method = "step" if system.has_step else "derivative"
     share = model.dt_s if system.has_step else 1.0
 
-    def rates(self: System, state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    def rates(self: StateSpace, state: Any, inputs: Any, c: Any) -> dict[str, Any]:
         state_rates = dict(getattr(cls, method)(self, state, inputs, c))
         values = [getattr(state, n) for n in cls.states]
         values += [getattr(inputs, i.name) for i in cls.inputs]
@@ -199,7 +199,7 @@ def _joined(system: System, model: LogModel, learnt: Learnt) -> System:
             state_rates[name] = state_rates[name] + share * more[:, k].reshape(shape)
         return state_rates
 
-    joined: System = type(cls.__name__, (cls,), {method: rates})()
+    joined: StateSpace = type(cls.__name__, (cls,), {method: rates})()
     return checked(joined)
 
 

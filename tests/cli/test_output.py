@@ -54,5 +54,13 @@ def test_where_a_command_writes_at_its_end_is_looked_at_before_it_begins(named: 
         for option in command.params
         if named in option.opts
     ]
+    if named == "--json":
+        written = ("export", "--out"), ("calibrate latency", "--out")
+        options += [
+            (f"{name} {path}", option)
+            for path, name in written
+            for option in EVERY[tuple(path.split())].params
+            if name in option.opts
+        ]
     assert options
     assert [name for name, option in options if not isinstance(option.type, Written)] == []

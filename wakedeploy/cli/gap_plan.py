@@ -37,8 +37,10 @@ _MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple
     type=_FOLDER,
     help="Read the class from what is here; a rig's plan.json goes here, too.",
 )
-@click.option("--write-reference", "reference", type=Written(), help="For run-gantry --reference.")
-@click.option("--write-input", "input_path", type=Written(), help="With --system: its input.")
+@click.option(
+    "--write-reference", "reference", type=Written(), help="CSV for run-gantry --reference."
+)
+@click.option("--write-input", "input_path", type=Written(), help="With --system: its input, CSV.")
 @click.option("--json", "json_path", type=Written(), help="Also write the plan as JSON.")
 def plan(
     rig_path: Path | None,

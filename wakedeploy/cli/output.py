@@ -22,10 +22,11 @@ class Written(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path; minutes of fitting should not end at a folder that nobody may write to."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if path.exists() and not path.is_file():  # a device or a pipe
-            return path
-        folder = next(above for above in path.absolute().parents if above.exists())
+        folder = path.parent
         try:
+            if path.exists() and not path.is_file():  # a device or a pipe
+                return path
+            folder = next(above for above in path.absolute().parents if above.exists())
             with tempfile.TemporaryFile(dir=folder):
                 pass
         except OSError as error:

@@ -46,6 +46,9 @@ class Rules:
         most_effects: More than these are not named in one answer.
         readings_ahead: Of a forecast's readings, those that are looked at where a system is asked
             to predict far ahead.
+        far_less: An effect with which inputs do no more than this share of what the system says is
+            doubted, as is that it forecasts better: where a controller gives the inputs, a force
+            that it holds against looks alike.
         interval_quantile: Where the ends of intervals of gains and sizes lie, of what chance brings
             to one side: 90 % lie between both.
         fewest_blocks: Gains in fewer blocks than this have a spread that says nothing.
@@ -73,8 +76,8 @@ class Rules:
         constant_ends: A constant is reported as other than stated where its stated value is this
             many times as far from the fitted one as the end of its interval,
         constant_trifle: and by more than this share of it.
-        sealed_share: Share of the blocks of a system's logs that is kept to confirm what was found
-            in the others.
+        sealed_share: Share of the blocks of a system's logs, or of those that move, that is kept to
+            confirm what was found in the others.
         fewest_flights: Episodes that a verdict is fitted to, at least; of two, each would be judged
             by one other, and their spread by one number.
     """
@@ -98,6 +101,7 @@ class Rules:
     surely_share: float = 0.5
     most_effects: int = 4
     readings_ahead: int = 6
+    far_less: float = 2.0 / 3.0
     interval_quantile: float = 0.95
     fewest_blocks: int = 6
     plain_times: float = 5.0

@@ -126,7 +126,7 @@ def with_name(phrase: str, name: str) -> str:
 
 def halves_said(agree: bool, halves: Sequence[str], recordings: str) -> str:
     """Whether both halves of the `recordings` agree, and what each of them says."""
-    each = "; and ".join(halves) if any(" or " in half for half in halves) else listed(halves)
+    each = "; and ".join(halves)
     if agree:
         return f"Both halves of the {recordings} say so by themselves: {each}."
     said = f"The two halves of the {recordings} do not agree: {each}."

@@ -163,20 +163,25 @@ def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> li
 def _alike(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
     """A leader and the effects that recordings cannot tell from it, without mere elaborations.
 
-    Forecasts do not take out a leader if all that they leave makes inputs do less. A controller's
-    inputs answer what acts on a system; a forecast that does not know of it yet takes them as they
-    come, and is better the less they do.
+    Forecasts do not take out a leader if, unlike it, all that they leave makes inputs do far less.
+    A controller's inputs answer what acts on a system; a forecast that does not know of it yet
+    takes them as they come, and is better the less they do.
     """
     alike = undecided(model, [leader, *_rivals(model, leader, verdicts)])
-    fits = [v.candidate for v in alike]
-    if leader not in alike and all(model.inputs_answered(c.fit, c.name) < 1.0 for c in fits):
-        alike = [leader, *alike]
+    if leader not in alike and not _does_far_less(model, leader.candidate):
+        is_by_less = all(_does_far_less(model, v.candidate) for v in alike)
+        alike = [leader, *alike] if is_by_less else alike
     names = [v.candidate.name for v in alike]
     return [
         v
         for v in alike
         if v is leader or not any(elaborates(model, v.candidate.name, other) for other in names)
     ]
+
+
+def _does_far_less(model: Comparison, effect: Candidate) -> bool:
+    """Whether inputs do far less with an effect than without."""
+    return model.inputs_answered(effect.fit, effect.name) <= RULES.far_less
 
 
 def _plainer(

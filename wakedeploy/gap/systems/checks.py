@@ -18,9 +18,17 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import SHOWN_ALONE, is_known
 from wakedeploy.gap.systems.calls import called
-from wakedeploy.gap.systems.system import Constant, FloatArray, Input, Output, Point, Port, System
+from wakedeploy.gap.systems.system import (
+    Constant,
+    FloatArray,
+    Input,
+    Output,
+    Point,
+    Port,
+    StateSpace,
+)
 
-_System = TypeVar("_System", bound=System)
+_System = TypeVar("_System", bound=StateSpace)
 Method = Callable[[Point, Point, Point], dict[str, Any]]
 Evaluate = Callable[[Mapping[str, FloatArray]], dict[str, Any]]
 
@@ -83,7 +91,10 @@ def _unborne(system: _System, c: Constant) -> str:
 
 
 def _is_number(
-    system: System, method: Method, tried: Mapping[str, FloatArray], constants: Mapping[str, float]
+    system: StateSpace,
+    method: Method,
+    tried: Mapping[str, FloatArray],
+    constants: Mapping[str, float],
 ) -> NDArray[np.bool_]:
     """At which of the points (n,) a function gives finite numbers; nowhere if it fails."""
     try:
@@ -95,7 +106,7 @@ def _is_number(
     return np.asarray(np.logical_and.reduce(finite))
 
 
-def _check_statements(system: System) -> None:
+def _check_statements(system: StateSpace) -> None:
     for attribute in ("rate_hz", "inputs", "states", "outputs"):
         if not hasattr(system, attribute):
             raise UnusableInput(f"{system.name}: no `{attribute}`; state it in the class.")
@@ -140,7 +151,7 @@ def _check_statements(system: System) -> None:
     _check_names(system)
 
 
-def _check_numbers(system: System, stated: Input | Output | Constant) -> None:
+def _check_numbers(system: StateSpace, stated: Input | Output | Constant) -> None:
     """UnusableInput for a field that is to be a number, and is a text or a list."""
     for each in fields(stated):
         value = getattr(stated, each.name)
@@ -155,7 +166,7 @@ def _check_numbers(system: System, stated: Input | Output | Constant) -> None:
             )
 
 
-def _check_names(system: System) -> None:
+def _check_names(system: StateSpace) -> None:
     groups = (system.inputs, system.outputs, system.constants)
     for group in groups:
         names = [each.name for each in group]
@@ -200,7 +211,7 @@ def _check_names(system: System) -> None:
             )
 
 
-def _check_law(system: System, stated: Input) -> None:
+def _check_law(system: StateSpace, stated: Input) -> None:
     """Refuse a hold or limits on a computed input: its sources have them."""
     if stated.law is None:
         return
@@ -213,7 +224,7 @@ def _check_law(system: System, stated: Input) -> None:
         )
 
 
-def _check_units(system: System) -> None:
+def _check_units(system: StateSpace) -> None:
     """Refuse an unknown unit; "" means none, or for a constant the unit that its name says."""
     stated = [("input", i.name, i.unit) for i in system.inputs]
     stated += [("output", o.name, o.unit) for o in system.outputs]
@@ -227,7 +238,7 @@ def _check_units(system: System) -> None:
             )
 
 
-def _check_ports(system: System) -> None:
+def _check_ports(system: StateSpace) -> None:
     known = {
         "input": _names(system.inputs),
         "force": tuple(system.states),
@@ -256,7 +267,7 @@ def _check_ports(system: System) -> None:
         _check_sizes(system, port)
 
 
-def _check_sizes(system: System, port: Port) -> None:
+def _check_sizes(system: StateSpace, port: Port) -> None:
     """Refuse a name both parameter and shape, a custom effect without parameters, and bad sizes."""
     if both := sorted({*port.parameters} & {*port.shapes}):
         raise UnusableInput(
@@ -276,7 +287,7 @@ def _check_sizes(system: System, port: Port) -> None:
             )
 
 
-def _check_functions(system: System) -> None:
+def _check_functions(system: StateSpace) -> None:
     """One point, then a batch of the same points: both have to give the same numbers."""
     shape = (3, 5)
     tried = _tried(system, shape)
@@ -296,7 +307,7 @@ def _check_functions(system: System) -> None:
             _check_custom(system, port, state, inputs, shape)
 
 
-def _check_made(system: System, stated: Input, logged: dict[str, FloatArray]) -> None:
+def _check_made(system: StateSpace, stated: Input, logged: dict[str, FloatArray]) -> None:
     """What a law makes of logged inputs, and that it is made of any."""
     where = f"{system.name}: the law of {stated.name!r}"
 
@@ -324,7 +335,7 @@ def _check_points(where: str, evaluate: Evaluate, tried: dict[str, FloatArray]) 
                 )
 
 
-def _check_forces(system: System, state: Point, inputs: Point) -> None:
+def _check_forces(system: StateSpace, state: Point, inputs: Point) -> None:
     """Where no force acts `derivative_under` gives the derivative."""
     c = system.values()
     with np.errstate(all="ignore"):
@@ -337,7 +348,7 @@ def _check_forces(system: System, state: Point, inputs: Point) -> None:
             )
 
 
-def _tried(system: System, shape: tuple[int, ...]) -> dict[str, FloatArray]:
+def _tried(system: StateSpace, shape: tuple[int, ...]) -> dict[str, FloatArray]:
     """States and inputs at random."""
     rng = np.random.default_rng(0)
     names = (*system.states, *(i.name for i in system.inputs))
@@ -345,7 +356,7 @@ def _tried(system: System, shape: tuple[int, ...]) -> dict[str, FloatArray]:
 
 
 def _check_custom(
-    system: System, port: Port, state: Point, inputs: Point, shape: tuple[int, ...]
+    system: StateSpace, port: Port, state: Point, inputs: Point, shape: tuple[int, ...]
 ) -> None:
     """An effect of the user's own acts on states, and at 0 on none."""
     what = f"{system.name}: the effect {port.name!r}"
@@ -393,7 +404,7 @@ def _evaluated(
 
 
 def _at(
-    system: System,
+    system: StateSpace,
     method: Method,
     tried: Mapping[str, FloatArray],
     constants: Mapping[str, float],
@@ -415,7 +426,7 @@ def _shape_in_words(shape: tuple[int, ...] | None) -> str:
     return "parts of several shapes" if shape is None else f"the shape {shape}"
 
 
-def _method(system: System, method: Callable[..., Any]) -> str:
+def _method(system: StateSpace, method: Callable[..., Any]) -> str:
     dynamics = "step" if system.has_step else "derivative"
     return f"{system.name}.{'measure' if method == system.readings else dynamics}"
 

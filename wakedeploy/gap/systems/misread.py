@@ -20,7 +20,7 @@ from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.blocks import IntArray
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import Constant, Output, System
+from wakedeploy.gap.systems.system import Constant, Output, StateSpace
 
 _UNITS = (
     "m", "cm", "mm", "in", "ft", "rad", "deg", "rev", "rad/s", "deg/s", "rpm", "rps", "m/s", "cm/s",
@@ -99,7 +99,7 @@ def _of_forecasts(model: LogModel) -> list[str]:
 class _Logs:
     """What is looked at: a system, the beginnings of logs, and how many places in each look."""
 
-    system: System
+    system: StateSpace
     recordings: tuple[Recording, ...]
     places: int
 
@@ -145,13 +145,13 @@ class _Logs:
             return {}
 
 
-def _are_off(system: System, errors: Mapping[int, FloatArray]) -> list[Output]:
+def _are_off(system: StateSpace, errors: Mapping[int, FloatArray]) -> list[Output]:
     """The outputs with a forecast that is off by so much that a column may be read wrongly."""
     worst = np.max([*errors.values()], axis=0) if errors else np.zeros(len(system.outputs))
     return [o for o, off in zip(system.outputs, worst, strict=True) if off > _WELL]
 
 
-def _in_other_units(system: System, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
+def _in_other_units(system: StateSpace, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
     """Columns in units in which they may have been logged, beyond what constants allow.
 
     Of outputs only those that are off; of inputs all, if any output is.
@@ -186,7 +186,7 @@ def _scaled(words: str, name: str, scale: float) -> _Other:
     return _Other(words, lambda c: {**c, name: scale * c[name]}, scale, name)
 
 
-def _exchanged(system: System, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
+def _exchanged(system: StateSpace, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
     """Every two outputs that are off, and every two inputs, in each other's place."""
     off = _are_off(system, errors)
     for what, names in (

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Self
 
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.systems import system
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.correction import read_correction
-from wakedeploy.gap.systems.system import FloatArray
+from wakedeploy.gap.systems.system import FloatArray, StateSpace
 
 
-class System(system.System):
+class System(StateSpace):
     """Derive from it, and state what the class attributes ask for.
 
     `derivative(state, inputs, c)` returns the derivative of every state by name, or

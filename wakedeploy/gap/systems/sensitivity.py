@@ -25,7 +25,7 @@ from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
-from wakedeploy.gap.systems.system import Input, System
+from wakedeploy.gap.systems.system import Input, StateSpace
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
 from wakedeploy.gap.wording import counted, listed, minus
 
@@ -138,7 +138,7 @@ def _curves(model: LogModel) -> list[str]:
     ]
 
 
-def _own_notes(system: System, outputs: dict[str, FloatArray]) -> list[str]:
+def _own_notes(system: StateSpace, outputs: dict[str, FloatArray]) -> list[str]:
     """What a system itself says of its logs."""
     where = f"{system.name}.log_notes"
     notes = attempted(where, system.log_notes, outputs)

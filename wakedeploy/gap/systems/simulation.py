@@ -7,10 +7,10 @@ from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.kinds.library import offered
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.system import StateSpace
 
 
-def simulated(system: System, recording: Recording) -> dict[str, FloatArray]:
+def simulated(system: StateSpace, recording: Recording) -> dict[str, FloatArray]:
     """States and outputs by name, (n,) each, from the recording's first sample and its inputs."""
     model = LogModel(system, [recording])
     acting, values = _acting(model)
@@ -19,7 +19,7 @@ def simulated(system: System, recording: Recording) -> dict[str, FloatArray]:
     return series | {o.name: shown[i] for i, o in enumerate(system.outputs)}
 
 
-def replay_error(system: System, recording: Recording) -> dict[str, float]:
+def replay_error(system: StateSpace, recording: Recording) -> dict[str, float]:
     """Root mean square of measured less simulated, by output."""
     series = simulated(system, recording)
     logged = LogModel(system, [recording]).logs[0].outputs

@@ -235,7 +235,7 @@ class Forces(dict[str, Any]):
             raise AttributeError(error.args[0]) from None
 
 
-class System:
+class StateSpace:
     """What a user's system states, and what its functions give.
 
     `own_system.System` is the class that users derive from: it says what each attribute means and

@@ -14,7 +14,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import Point, System
+from wakedeploy.gap.systems.system import Point, StateSpace
 from wakedeploy.gap.wording import counted, minus
 
 _BASES, _ALONG = 8, 401  # points from which a state goes on, and values that it then has
@@ -22,7 +22,7 @@ _TURNS, _FAR = 1.5, 3.0  # how far an angle goes to each side, and any other sta
 _BESIDE = 0.01  # of a turn, by which a reading may lie beyond one
 
 
-def going_on(system: System, recording: Recording) -> tuple[Recording, list[str]]:
+def going_on(system: StateSpace, recording: Recording) -> tuple[Recording, list[str]]:
     """The recording with outputs that are angles going on, and what was done about each."""
     found = _wrapped(system, recording)
     columns = {**recording.columns, **{name: each.values for name, each in found.items()}}
@@ -34,7 +34,7 @@ def going_on(system: System, recording: Recording) -> tuple[Recording, list[str]
     return replace(recording, columns=columns), notes
 
 
-def jumps(system: System, recording: Recording) -> list[str]:
+def jumps(system: StateSpace, recording: Recording) -> list[str]:
     """What is said of outputs that are angles and begin again after a turn."""
     return [
         f"{recording.name}: {name} jumps by a turn at {counted(each.places, 'place')}, which counts"
@@ -60,7 +60,7 @@ def own_wraps(model: LogModel) -> list[str]:
     ]
 
 
-def _wrapped(system: System, recording: Recording) -> dict[str, Unwrapped]:
+def _wrapped(system: StateSpace, recording: Recording) -> dict[str, Unwrapped]:
     """Outputs of a recording that are angles and jump by whole turns, as they would go on."""
     found = {}
     for output in system.outputs:

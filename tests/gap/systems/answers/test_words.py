@@ -42,7 +42,10 @@ def test_where_nothing_is_missing_it_is_said_that_forecasts_err_far_more_than_a_
     noise = {"noise.a": {"value": 0.01, "unit": "rad"}, "noise.b": {"value": 0.1, "unit": "rad"}}
     nothing = {"verdict": "none", "effects": [], "noise": noise}
     far = matters({"a": (0.27, 0.27), "b": (0.2, 0.2)}, **nothing)
-    assert "That is 27 times what the sensor of a errs: a disturbance acts" in far
+    assert (
+        "That is 27 times what the sensor of a errs: as in a system that lets small errors grow"
+        in far
+    )
     assert "times what the sensor" not in matters({"a": (0.05, 0.05), "b": (0.2, 0.2)}, **nothing)
 
 
@@ -203,7 +206,7 @@ def test_an_effect_that_outlived_the_first_one_is_not_listed_as_unnamed() -> Non
 
 
 @pytest.mark.parametrize(("gained_nats", "is_near"), [(90.0, True), (4.0, False)])
-def test_where_nothing_is_named_what_loud_moments_keep_from_being_evident_is_told(
+def test_where_nothing_is_named_what_uneven_noise_keeps_from_being_evident_is_told(
     gained_nats: float, is_near: bool
 ) -> None:
     """Ninety nats are no proof where luck may bring 133, and no sign that nothing is missing."""
@@ -213,11 +216,11 @@ def test_where_nothing_is_named_what_loud_moments_keep_from_being_evident_is_tol
     screen = " ".join(sentences(nothing))
     assert screen.startswith("Nothing that matters is missing")
     near = (
-        "Nearest to evident: stop@v gains 90.0 nats; quiet noise alone brings up to 5.0 nats, but "
-        "a few loud moments of these logs up to 133.0 nats."
+        "Nearest to evident: stop@v gains 90.0 nats; even noise brings up to 5.0 nats, but noise "
+        "as loud now and then, or as lasting, as in these logs up to 133.0 nats."
     )
     assert (near in screen) == is_near
-    assert ("How sure is that? Less than usual: in a few loud moments" in screen) == is_near
+    assert ("How sure is that? Less than usual: more than even noise acts" in screen) == is_near
     assert ("Record more of the moments in which `stop@v` would act" in screen) == is_near
     named = result(effects=[{"name": LAG, "parameters": {}, "forecast": SHARE}], rounds=[searched])
     assert "Nearest" not in " ".join(sentences(named))
@@ -242,7 +245,7 @@ def test_a_constant_that_ends_at_its_bound_says_so_and_that_its_sign_may_be_wron
     }
     lines = sentences(result(constants=constants, stated=dict.fromkeys(ends, 1.0)))
     (drag,), (mass,), (gain,) = ([x for x in lines if x.startswith(f"    {n}")] for n in ends)
-    assert drag.endswith(", as far as it may go without changing its sign")
+    assert drag.endswith(", as far towards 0 as it may go")
     assert mass.endswith(", as far as it may go")
     assert gain.endswith(")")
 
@@ -276,7 +279,7 @@ def halved(agree: bool, *spans: tuple[float, float]) -> dict[str, object]:
 def test_halves_that_agree_are_told_with_their_sizes() -> None:
     said = told({"a": (1.0, 0.5)}, **halved(True, (0.1, 0.14), (0.09, 0.12)))
     assert (
-        f"  Both halves of the logs say so by themselves: {LAG} (tau from 100 to 140 ms) and "
+        f"  Both halves of the logs say so by themselves: {LAG} (tau from 100 to 140 ms); and "
         f"{LAG} (tau from 90 to 120 ms)."
     ) in said
     (sure,) = [line for line in said if line.startswith("How sure is that? ")]

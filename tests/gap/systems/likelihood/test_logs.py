@@ -1,6 +1,7 @@
 """The engine: likelihoods of an independent Kalman filter, and effects whose truth is known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.sensitivity import column_notes
 
 RATE = 100.0
+ALL = [Port.input("force_n"), Port.force("speed_mps", inertia="mass_kg")]
 
 
 class Mass(System):
@@ -86,6 +88,29 @@ def test_what_confirms_an_answer_moves():
     found = named(model, base).found
     assert found.hypothesis == ("coulomb-friction@speed_mps",)
     assert found.value("coulomb-friction@speed_mps.force") == pytest.approx(2.0, rel=0.2)
+
+
+def test_a_pause_between_motions_confirms_nothing():
+    """Nor does one stray reading in a log that stands still."""
+    moved = recorded(1, driven=0.4)
+    at_end = recorded(2, seconds=4.0).columns["position_m"]
+    parked = moved.columns["position_m"].copy()
+    parked[-100:] += at_end[:100]
+    parked[2500] += 5.0
+    columns = {**moved.columns, "position_m": parked}
+    model = LogModel(Mass(), [Recording("parked", moved.time_s, columns)])
+    assert model.sealed() == (8, 15)
+
+
+def test_what_inputs_do_with_an_effect_is_what_its_size_says():
+    model = LogModel(Mass(), [recorded(1, seconds=4.0)])
+    wider = LogModel(type("Wider", (Mass,), {"ports": ALL})(), [recorded(1, seconds=4.0)])
+    model.offer(wider.library)
+    for name, size, share in (("gain@force_n", -0.6, 0.4), ("added-inertia@speed_mps", 1.5, 0.4)):
+        values = neutral(model.free((name,)))
+        values[-1] = size
+        fitted = SimpleNamespace(value=model.values((name,), values).get)
+        assert model.inputs_answered(fitted, name) == pytest.approx(share)
 
 
 @pytest.mark.parametrize("driven", [1.0, 0.9, 0.1])

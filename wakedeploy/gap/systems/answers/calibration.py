@@ -73,15 +73,20 @@ def _stopped(answer: Answer, name: str) -> str:
     if size.value not in (size.low, size.high) or size.low == size.high:
         return ""
     near_0 = abs(size.value) < _NEXT_TO_NOTHING * abs(answer.stated[name])
-    return f", as far as it may go{' without changing its sign' if near_0 else ''}"
+    return f", as far{' towards 0' if near_0 else ''} as it may go"
 
 
 def told_otherwise(answer: Answer) -> list[str]:
     """Constants whose stated value is far outside the interval that the logs give, and no trifle.
 
-    That is no contradiction: a wide spread says that nobody knows them well.
+    That is no contradiction: a wide spread says that nobody knows them well. One that ended at its
+    bound is left out: the logs pull it farther than it may go, which no value explains.
     """
-    return [n for n, size in answer.constants.items() if _is_otherwise(answer.stated[n], size)]
+    return [
+        n
+        for n, size in answer.constants.items()
+        if _is_otherwise(answer.stated[n], size) and not _stopped(answer, n)
+    ]
 
 
 def _is_otherwise(stated: float, size: Size) -> bool:

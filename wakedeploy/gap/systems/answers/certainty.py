@@ -11,7 +11,7 @@ from wakedeploy.gap.systems.answers.importance import whole_percent
 from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import counted, listed
 
-_FAR_LESS = 2.0 / 3.0  # of what inputs do by a system
+_UNEVEN = 2.0  # times what even noise brings
 _MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
 
@@ -21,8 +21,8 @@ def certainty(result: Result) -> str:
         return "Not before constants and units are known to be right."
     if result.verdict == "none" and nearest(result):
         return (
-            "Less than usual: in a few loud moments more than noise acts, and whether an effect or "
-            "a disturbance these logs cannot tell."
+            "Less than usual: more than even noise acts, now and then or for long, and whether an "
+            "effect or a disturbance these logs cannot tell."
         )
     if result.verdict == "none":
         return "Where nothing is missing, one search in twenty names something; this one did not."
@@ -43,13 +43,13 @@ def _held_against(result: Result) -> str:
 
     A controller answers a force by its input, and nothing moves: as if the input did little.
     """
-    answered = min((_answered(effect) for effect in result.effects), default=1.0)
-    if answered > _FAR_LESS:
+    effect = min(result.effects, key=_answered, default=None)
+    if effect is None or _answered(effect) > RULES.far_less:
         return ""
     return (
-        f"But with it inputs do {whole_percent(answered)} of what the system says: where a "
-        "controller gives them, a force that stands in no column, and that it holds against, looks "
-        "like that, too."
+        f"But with `{effect.name}` inputs do {whole_percent(_answered(effect))} of what the system "
+        "says: where a controller gives them, a force that stands in no column, and that it holds "
+        "against, looks like that, too."
     )
 
 
@@ -66,7 +66,7 @@ def _rest(result: Result) -> str:
     if push is not None and push.share > RULES.unknown_push:
         return (
             f"Something else acts, too: a push on {push.state} of {whole_percent(push.share)} of "
-            "its usual rate is left, which nothing explains."
+            "its usual rate is left, which no effect that was tried explains."
         )
     return "" if result.white.after.passes else _MORE_IS_LEFT
 
@@ -101,13 +101,14 @@ def _borne_out(result: Result) -> str:
 
 
 def nearest(answer: Answer) -> Ranked | None:
-    """The effect that would be evident, had not loud moments of these logs carried its gain.
+    """The effect that would be evident, were noise as even as chance alone has it.
 
-    None where an effect or a class is named, and where the best gains no more than quiet noise.
+    None where anything but "nothing is missing" is answered, where the best gains no more than even
+    noise brings, and where uneven noise brings little more than that.
     """
-    if answer.effects or answer.rivals or not answer.rounds:
+    if answer.verdict != "none" or not answer.rounds or not answer.rounds[0].ranking:
         return None
-    first = answer.rounds[0]
-    best = first.ranking[0] if first.ranking else None
-    is_near = best is not None and best.judged == CHANCE and best.gain_nats > first.steady_nats
-    return best if is_near else None
+    first, best = answer.rounds[0], answer.rounds[0].ranking[0]
+    is_uneven = best.needed_nats > _UNEVEN * first.steady_nats
+    is_near = best.judged == CHANCE and best.gain_nats > first.steady_nats
+    return best if is_near and is_uneven else None

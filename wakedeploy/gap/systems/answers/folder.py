@@ -179,6 +179,7 @@ def _key(model: LogModel) -> str:
     digest.update(
         repr((VERSION, RULES, system.name, stated, sorted(model.effects.items()))).encode()
     )
+    digest.update(repr(model.sealed()).encode())
     for log in model.logs:
         digest.update(log.name.encode())
         digest.update(log.driving.tobytes() + log.outputs.tobytes())

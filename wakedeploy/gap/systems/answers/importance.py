@@ -42,8 +42,8 @@ def _beyond_noise(result: Result) -> str:
     if most is None or not ratios[most] > _FAR_BEYOND:
         return ""
     return (
-        f" That is {ratios[most]:.0f} times what the sensor of {most} errs: a disturbance acts, or "
-        "what none of the effects that the ports offer explains."
+        f" That is {ratios[most]:.0f} times what the sensor of {most} errs: as in a system that "
+        "lets small errors grow, under a disturbance, or where something acts that no port offers."
     )
 
 

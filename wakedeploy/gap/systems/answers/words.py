@@ -17,7 +17,7 @@ from wakedeploy.gap.search.artefacts import (
     Result,
     Size,
 )
-from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, UNSEEN_WORSE
+from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, OUTDONE, UNSEEN_WORSE
 from wakedeploy.gap.systems.answers.advice import more_than_named, over, rest_words, unknown_step
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words, told_otherwise
 from wakedeploy.gap.systems.answers.certainty import certainty, nearest
@@ -174,28 +174,27 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
     if result.verdict == "unknown":
         return unknown_step(result)
     how_small = "How small an effect these logs would show, `gap power` says."
+    use = "Use the system as it is."
     if otherwise := [f"`{name}`" for name in told_otherwise(result)]:
-        return (
+        use = (
             f"State what was fitted for {listed(otherwise)}, which the logs know better, and use "
-            f"the system. {how_small}"
+            "the system."
         )
     if near := nearest(result):
-        return (
-            f"Record more of the moments in which {plain(near.name)} would act, and ask again with "
-            f"that log, too. Until then use the system as it is. {how_small}"
-        )
-    return f"Use the system as it is. {how_small}"
+        more = f"Record more of the moments in which {plain(near.name)} would act"
+        return f"{more}, and ask again with that log, too. Until then: {use} {how_small}"
+    return f"{use} {how_small}"
 
 
 def _nearest(answer: Answer) -> list[str]:
-    """What an effect gains that loud moments keep from being evident."""
+    """What an effect gains that uneven noise keeps from being evident."""
     near = nearest(answer)
     if near is None:
         return []
     return [
-        f"Nearest to evident: {near.name} gains {nats(near.gain_nats)}; quiet noise alone brings "
-        f"up to {nats(answer.rounds[0].steady_nats)}, but a few loud moments of these logs up to "
-        f"{nats(near.needed_nats)}."
+        f"Nearest to evident: {near.name} gains {nats(near.gain_nats)}; even noise brings up to "
+        f"{nats(answer.rounds[0].steady_nats)}, but noise as loud now and then, or as lasting, as "
+        f"in these logs up to {nats(near.needed_nats)}."
     ]
 
 
@@ -311,6 +310,7 @@ def _rejected(answer: Answer) -> list[str]:
         if effect.judged not in ("", ACCEPTED, CHANCE)
     }
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)
-    judged |= {effect.name: UNSEEN_WORSE for effect in ranked if effect.judged == UNSEEN_WORSE}
+    taken_out = {e.name: e.judged for e in ranked if e.judged in (UNSEEN_WORSE, OUTDONE)}
+    judged |= taken_out
     told = named | set(answer.rivals)
     return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in told]

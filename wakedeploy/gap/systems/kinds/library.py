@@ -12,7 +12,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.systems.kinds import forces, inputs, sensors
 from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
-from wakedeploy.gap.systems.system import Port, System
+from wakedeploy.gap.systems.system import Port, StateSpace
 from wakedeploy.gap.wording import with_name
 
 _ANGLES = ("rad",)
@@ -99,7 +99,7 @@ def kind_named(role: str, name: str) -> Kind:
 
 
 def offered(
-    system: System, sizes: Mapping[str, float], times: tuple[float, float]
+    system: StateSpace, sizes: Mapping[str, float], times: tuple[float, float]
 ) -> dict[str, Effect]:
     """Every effect by name. `sizes` are usual sizes of inputs, states, rates (`d x`) and outputs.
 
@@ -129,7 +129,7 @@ def _is_sized(effect: Effect) -> bool:
     return all(sizes[k] != 0.0 for k, power in powers if power < 0)
 
 
-def _kinds(system: System, port: Port, sizes: Mapping[str, float]) -> tuple[Kind, ...]:
+def _kinds(system: StateSpace, port: Port, sizes: Mapping[str, float]) -> tuple[Kind, ...]:
     if port.role == "custom":
         return (custom_kind(port),)
     for name in port.kinds:
@@ -141,7 +141,7 @@ def _kinds(system: System, port: Port, sizes: Mapping[str, float]) -> tuple[Kind
     )
 
 
-def not_offered(system: System, state: str, sizes: Mapping[str, float]) -> list[str]:
+def not_offered(system: StateSpace, state: str, sizes: Mapping[str, float]) -> list[str]:
     """Kinds of force that make sense on a state, and that its ports leave out by their `kinds`."""
     ports = [p for p in system.ports if p.role == "force" and p.name == state and p.kinds]
     return [
@@ -152,7 +152,7 @@ def not_offered(system: System, state: str, sizes: Mapping[str, float]) -> list[
     ]
 
 
-def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, float]) -> bool:
+def _makes_sense(system: StateSpace, port: Port, kind: Kind, sizes: Mapping[str, float]) -> bool:
     """Whether the port has what a kind needs, and the logs what makes it differ from another."""
     turns = sizes.get(f"turns {port.name}", 1.0) > 0.0
     near = sizes.get(f"least {port.name}", 0.0) <= _STILL * sizes.get(port.name, 1.0)
@@ -171,7 +171,7 @@ def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, flo
     return all(there[need] for need in kind.needs)
 
 
-def _acts_before(system: System, port: Port, kind: Kind) -> bool:
+def _acts_before(system: StateSpace, port: Port, kind: Kind) -> bool:
     """Whether a kind is offered at the only logged input that a port's own input is made of.
 
     Where that input also acts beside the law, the same behind the law alone is something else; and
@@ -186,14 +186,14 @@ def _acts_before(system: System, port: Port, kind: Kind) -> bool:
     )
 
 
-def _moves(system: System, port: Port) -> bool:
+def _moves(system: StateSpace, port: Port) -> bool:
     """Whether a port's state is the speed of its position; of a discrete system, as it is said."""
     if system.has_step:
         return port.position != port.name
     return system.kinematic().get(port.position) == port.name
 
 
-def _others(system: System, port: Port, kind: Kind) -> tuple[str, ...]:
+def _others(system: StateSpace, port: Port, kind: Kind) -> tuple[str, ...]:
     """What a coupling may come from: inputs and other axes that do not drive this state yet."""
     if "other" not in kind.needs:
         return ("",)
@@ -204,7 +204,7 @@ def _others(system: System, port: Port, kind: Kind) -> tuple[str, ...]:
 
 
 def _scales(
-    system: System, port: Port, sizes: Mapping[str, float], times: tuple[float, float]
+    system: StateSpace, port: Port, sizes: Mapping[str, float], times: tuple[float, float]
 ) -> Scales:
     dt_s, span_s = times
     there = {"time": dt_s, "span": span_s}
@@ -243,14 +243,14 @@ def _way(position: str, sizes: Mapping[str, float]) -> dict[str, float]:
     return {"lowest": lowest, "highest": highest, "range": highest - lowest}
 
 
-def _beside(scales: Scales, system: System, sizes: Mapping[str, float], other: str) -> Scales:
+def _beside(scales: Scales, system: StateSpace, sizes: Mapping[str, float], other: str) -> Scales:
     if not other:
         return scales
     units = {i.name: i.unit for i in system.inputs} | dict(system.states)
     return Scales({**scales.sizes, "other": sizes[other]}, {**scales.units, "other": units[other]})
 
 
-def force_unit(system: System, port: Port) -> str:
+def force_unit(system: StateSpace, port: Port) -> str:
     """The unit of a force at the port, from those of its inertia and its speed."""
     if port.unit:
         return port.unit

@@ -15,7 +15,7 @@ from wakedeploy.gap.systems.kinds.inputs import InputKind, Saturation, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind, SensorSaturation
 from wakedeploy.gap.systems.likelihood.blocks import made, parts_in_step
-from wakedeploy.gap.systems.system import Input, Point, Port, System
+from wakedeploy.gap.systems.system import Input, Point, Port, StateSpace
 from wakedeploy.physics.kalman import bumped
 
 Arrays = Mapping[str, Any]
@@ -37,7 +37,7 @@ class Acting:
 
     def __init__(
         self,
-        system: System,
+        system: StateSpace,
         effects: Sequence[Effect],
         sizes: Mapping[str, float],
         form: Sequence[str] = (),

@@ -17,7 +17,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.kinds.inputs import shifted
 from wakedeploy.gap.systems.likelihood.between_samples import between
-from wakedeploy.gap.systems.system import Input, System
+from wakedeploy.gap.systems.system import Input, StateSpace
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -70,7 +70,7 @@ class Pieces:
     block: IntArray
 
 
-def logs_of(system: System, recordings: Sequence[Recording]) -> list[Log]:
+def logs_of(system: StateSpace, recordings: Sequence[Recording]) -> list[Log]:
     """Recordings brought to the system's rate: inputs as means, outputs as samples.
 
     Raises UnusableInput for a missing column, a rate that is no multiple of the system's, or an
@@ -81,7 +81,7 @@ def logs_of(system: System, recordings: Sequence[Recording]) -> list[Log]:
     return [_log(system, r) for r in recordings]
 
 
-def _log(system: System, recording: Recording) -> Log:
+def _log(system: StateSpace, recording: Recording) -> Log:
     thinning = recording.rate_hz / system.rate_hz
     every = max(round(thinning), 1)
     if abs(thinning / every - 1.0) > _RATE_TOLERANCE:
@@ -128,12 +128,12 @@ def _readings(rows: FloatArray, every: int) -> FloatArray:
     return np.asarray(each[np.arange(len(each)), newest])
 
 
-def parts_in_step(system: System) -> int:
+def parts_in_step(system: StateSpace) -> int:
     """The number of parts of a model's step in which inputs are followed."""
     return max(_WITHIN // system.steps, 1)
 
 
-def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> FloatArray:
+def _driving(system: StateSpace, stated: Input, rows: FloatArray, every: int) -> FloatArray:
     """An input in each part of the model's steps: its mean there, from `every` rows in a sample.
 
     Its delay is taken in parts, not in rows, just as a dead time that is found is.
@@ -144,20 +144,20 @@ def _driving(system: System, stated: Input, rows: FloatArray, every: int) -> Flo
     return shifted(means, stated.delay_s * system.rate_hz * parts)
 
 
-def driving_of(system: System, logged: Mapping[str, FloatArray]) -> FloatArray:
+def driving_of(system: StateSpace, logged: Mapping[str, FloatArray]) -> FloatArray:
     """All inputs (i, N), from the logged ones (N,) by name, in each part of the model's steps."""
     rows = [logged[i.name] if i.law is None else made(system, i, logged) for i in system.inputs]
     return np.array(rows)
 
 
-def made(system: System, stated: Input, logged: Mapping[str, FloatArray]) -> FloatArray:
+def made(system: StateSpace, stated: Input, logged: Mapping[str, FloatArray]) -> FloatArray:
     """What a law makes of the logged inputs (N,) in each part of the model's steps."""
     row = system.made(stated, logged)
     parts = stated.delay_s / system.step_s * parts_in_step(system)
     return shifted(row, parts) if parts else row
 
 
-def _check_laws(system: System, recording: Recording, driving: FloatArray) -> None:
+def _check_laws(system: StateSpace, recording: Recording, driving: FloatArray) -> None:
     """Check that laws give numbers all along a recording, and act within it."""
     for stated, row in zip(system.inputs, driving, strict=True):
         _check_delay(stated, recording)

@@ -20,7 +20,7 @@ from wakedeploy.gap.evidence.fits import LOST_NATS, FloatArray
 from wakedeploy.gap.systems.kinds.inputs import InputKind
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.blocks import Block, Log, Pieces, parts_in_step, pieces_of
-from wakedeploy.gap.systems.system import System
+from wakedeploy.gap.systems.system import StateSpace
 from wakedeploy.physics.kalman import corrected, stepped
 from wakedeploy.physics.series import IntArray
 
@@ -81,7 +81,9 @@ class Noise:
     fresh: FloatArray
 
     @classmethod
-    def of(cls, system: System, driven: Sequence[str], values: Mapping[str, FloatArray]) -> "Noise":
+    def of(
+        cls, system: StateSpace, driven: Sequence[str], values: Mapping[str, FloatArray]
+    ) -> "Noise":
         """The noise in one of the model's steps, from parameters by name, (1, L) each.
 
         Nothing lasts if no parameter says so. White noise is stated by the sd of its mean over a

@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.blocks import Log
-from wakedeploy.gap.systems.system import Point, System
+from wakedeploy.gap.systems.system import Point, StateSpace
 
 _SMOOTHED = 11  # samples, for a first guess of speeds
 
@@ -25,13 +25,13 @@ class InitialStates:
     along: Mapping[str, FloatArray]
     first: Mapping[str, float]
 
-    def stacked(self, system: System, count: int) -> FloatArray:
+    def stacked(self, system: StateSpace, count: int) -> FloatArray:
         """States (n, N): those known only at first keep that value; unknown ones are 0."""
         rows = [self.along.get(n, np.full(count, self.first.get(n, 0.0))) for n in system.states]
         return np.array(rows)
 
 
-def initial_states(system: System, log: Log, kinematic: Mapping[str, str]) -> InitialStates:
+def initial_states(system: StateSpace, log: Log, kinematic: Mapping[str, str]) -> InitialStates:
     """What a log shows of states. `kinematic` names the state that each is the derivative of.
 
     Raises UnusableInput for a `start` that does not return finite numbers.

@@ -70,7 +70,7 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
 
 
 def _is_known(fitted: Fit, parameter: str, share: float) -> bool:
-    """Whether a push's size is known, or how little it is at least.
+    """Whether a push's size is known, or surely large.
 
     What pushes in a few blocks alone, as a hand does now and then, has a size that blocks hardly
     agree on, and may be most of what acts.

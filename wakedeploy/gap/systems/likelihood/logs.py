@@ -20,7 +20,7 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Scor
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Leftover
 from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
-from wakedeploy.gap.systems.kinds.library import Effect, offered, ports_alike
+from wakedeploy.gap.systems.kinds.library import Effect, offered, ports_alike, rate_unit
 from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of, pieces_of
 from wakedeploy.gap.systems.likelihood.clocks import late_by_a_row, late_inputs
@@ -30,7 +30,7 @@ from wakedeploy.gap.systems.likelihood.initial_states import InitialStates, init
 from wakedeploy.gap.systems.likelihood.leftover import leftovers
 from wakedeploy.gap.systems.likelihood.strays import without_strays
 from wakedeploy.gap.systems.likelihood.unseen_states import followed
-from wakedeploy.gap.systems.system import Point, System
+from wakedeploy.gap.systems.system import Point, StateSpace
 
 _TOGETHER = 15000  # samples times effects that are looked at in one run
 # Pieces times parameter sets up to which a step of the filter costs at most twice that of one.
@@ -41,10 +41,9 @@ _USUAL = 0.98  # quantile of what is usual
 _ENDS = 0.995  # the same for how far a state goes: one stray reading is no end of it
 _FEW = 3  # samples between readings, from which readings are few
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
-_STILL, _IN_NOISE = (
-    0.02,
-    1.5,
-)  # of a usual size, of a sensor's sd: an output that moves no more rests
+_STILL = 0.02  # of its usual size: an output that changes no more rests
+_IN_NOISE = 6.0  # median changes from one reading to the next: white noise spans some four
+_WITHOUT_STRAYS = 0.02, 0.98  # quantiles
 _FEWEST_MOVING = 4  # blocks, one of which can confirm what three show
 _LN_SD = 2.0
 # ln sd by which a sensor may be better than stated or guessed: a filter that trusts a sensor
@@ -60,7 +59,7 @@ class LogModel(ComparisonDefaults):
     """
 
     def __init__(
-        self, system: System, recordings: Sequence[Recording], outliers: float | None = None
+        self, system: StateSpace, recordings: Sequence[Recording], outliers: float | None = None
     ) -> None:
         self.system, self.name = system, system.name
         self.recordings = tuple(recordings)
@@ -186,7 +185,7 @@ class LogModel(ComparisonDefaults):
         """The last quarter of the blocks, in one piece: excitations may repeat.
 
         If most of these are at rest, as where a log goes on after the motion, it is the last
-        quarter of the blocks that move: at rest nothing bears an answer out.
+        quarter of those that move: at rest hardly anything bears an answer out.
         """
         return self._sealed
 
@@ -197,16 +196,22 @@ class LogModel(ComparisonDefaults):
         moving = [e for e in range(self.episodes) if self._moves(self.blocks[e])]
         if 2 * len(set(last) & set(moving)) >= count or len(moving) < _FEWEST_MOVING:
             return last
-        first = moving[-max(round(RULES.sealed_share * len(moving)), 1)]
-        return tuple(range(first, moving[-1] + 1))
+        return tuple(moving[-max(round(RULES.sealed_share * len(moving)), 1) :])
 
     def _moves(self, block: Block) -> bool:
-        """Whether any output moves in a block, by its usual size and by its sensor's noise."""
+        """Whether any output's readings span a part of their usual size, and more than noise does.
+
+        What noise does is seen from one reading to the next. A steady speed does not span that; a
+        channel that drifts by itself, as a temperature, always does.
+        """
         for output, row in zip(self.system.outputs, self.logs[block.log].outputs, strict=True):
             read = row[block.start : block.stop]
             read = read[np.isfinite(read)]
-            is_wide = len(read) > 1 and np.ptp(read) > _STILL * self.sizes[f"y {output.name}"]
-            if is_wide and read.std() > _IN_NOISE * (output.noise or 0.0):
+            if len(read) < 3:
+                continue
+            low, high = np.quantile(read, _WITHOUT_STRAYS)
+            noise = float(np.median(np.abs(np.diff(read))))
+            if high - low > max(_STILL * self.sizes[f"y {output.name}"], _IN_NOISE * noise):
                 return True
         return False
 
@@ -427,7 +432,7 @@ class LogModel(ComparisonDefaults):
         for name in self.driven:
             rate = self.sizes[f"d {name}"]
             guess = float(np.log(self.system.process_noise.get(name, 0.2 * rate)))
-            unit = f"{self.system.states[name]}/s"
+            unit = rate_unit(self.system.states[name])
             bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
             parameters.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
             if self.is_pushed:
