@@ -182,7 +182,8 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
         )
     if near := nearest(result):
         more = f"Record more of the moments in which {plain(near.name)} would act"
-        return f"{more}, and ask again with that log, too. Until then: {use} {how_small}"
+        until = f"Until then {use[0].lower()}{use[1:]}"
+        return f"{more}, and ask again with that log, too. {until} {how_small}"
     return f"{use} {how_small}"
 
 
