@@ -1,5 +1,7 @@
 """A user's system: what does not fit together is said by name, in one sentence."""
 
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -334,6 +336,17 @@ def test_a_file_is_read_and_its_errors_are_told(tmp_path):
     (tmp_path / "none.py").write_text("x = 1\n")
     with pytest.raises(UnusableInput, match="no class derived from System"):
         read_system(tmp_path / "none.py")
+
+
+def test_a_file_that_was_changed_within_the_same_second_is_read_anew(tmp_path, monkeypatch):
+    """A script that tries one value after another: size and time of the file stay as they were."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    path, text = tmp_path / "emps.py", (EXAMPLES / "emps.py").read_text()
+    for rate_hz in (250.0, 500.0):
+        path.write_text(text.replace("rate_hz = 250.0", f"rate_hz = {rate_hz}"))
+        os.utime(path, (1e9, 1e9))
+        assert read_system(path).rate_hz == rate_hz
+    assert [each.name for each in tmp_path.iterdir()] == ["emps.py"]
 
 
 def test_a_log_that_is_no_csv_file_is_answered_with_the_way_in(tmp_path):

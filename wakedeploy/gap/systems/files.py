@@ -4,8 +4,9 @@ import importlib.util
 import shlex
 import sys
 import warnings
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 
 import numpy as np
 
@@ -91,6 +92,17 @@ def read_plain(path: Path, system: System) -> Recording:
     return Recording(path.stem, even, columns)
 
 
+class _FromSource(SourceFileLoader):
+    """Compiles a file each time it is read, and keeps nothing beside it.
+
+    Bytecode that is kept passes for a file of the same size that was changed in the same second.
+    """
+
+    def get_code(self, fullname: str) -> CodeType:
+        """The file's code as it is now."""
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
 def _module(file: Path) -> ModuleType:
     if is_mjcf(file):
         raise UnusableInput(f"{file} {OF_MJCF}")
@@ -99,13 +111,16 @@ def _module(file: Path) -> ModuleType:
         raise UnusableInput(
             f"{file}: no such file; `wakedeploy gap init {first}` writes a first one."
         )
-    spec = importlib.util.spec_from_file_location(f"system_{file.stem}", file)
-    if spec is None or spec.loader is None:
+    if file.suffix != ".py":
         raise UnusableInput(f"{file} is no Python file; give one that ends in .py.")
+    name = f"system_{file.stem}"
+    loader = _FromSource(name, str(file))
+    spec = importlib.util.spec_from_file_location(name, file, loader=loader)
+    assert spec is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[module.__name__] = module
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     except SyntaxError as error:
         raise UnusableInput(f"{file}, line {error.lineno}: {error.msg}.") from error
     except Exception as error:  # whatever the user's file raises
