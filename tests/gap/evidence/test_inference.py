@@ -14,6 +14,7 @@ from scipy.stats import t as student_t
 from wakedeploy.gap.evidence import inference
 from wakedeploy.gap.evidence.ascent import slopes_at, top_within
 from wakedeploy.gap.evidence.fits import (
+    LOST_NATS,
     Free,
     Score,
     extended,
@@ -275,6 +276,18 @@ def test_an_effect_of_one_episode_alone_gains_little_elsewhere() -> None:
     assert (larger.per_episode - base.per_episode).sum() > 50.0
     # The prior alone, of deviation 3, would take it 2/9 of a nat away from nothing.
     assert held_out(base, larger)[2] < 20.0
+
+
+def test_a_jump_costs_no_more_than_the_worst_sample() -> None:
+    """A finite difference across a sensor's end is as large as its step is small."""
+    model = Linear(TRUTH, seed=4)
+    base, larger = fit(model, (), EVERY), fit(model, ("a",), EVERY)
+    innovation = list(larger.slopes.innovation)
+    innovation[2] = innovation[2] * 1e9
+    jumps = replace(larger, slopes=replace(larger.slopes, innovation=tuple(innovation)))
+    gains = held_out(base, jumps)
+    assert gains[2] == pytest.approx(LOST_NATS, rel=1e-3)
+    assert np.all(np.delete(gains, 2) > -100.0)
 
 
 def test_a_bound_holds_and_the_rest_is_fitted_under_it() -> None:

@@ -251,10 +251,11 @@ class Fit:
         if count < 2:
             return curvature, 0.0
         # An episode's pull on the estimate is weighed without its own information: many parameters
-        # bend to each of a few episodes, so that its gradient shows too little of the pull.
+        # bend to each of a few episodes, so that its gradient shows too little of the pull. The
+        # others' are summed: a difference of large numbers would leave rounding.
         pulls = [
-            solved(total - information, unit) @ g
-            for g, information in zip(gradient, fisher, strict=True)
+            solved(np.delete(fisher, e, axis=0).sum(0) + prior, unit) @ g
+            for e, g in enumerate(gradient)
         ]
         spread = float(np.var(pulls, ddof=1)) * (count - 1) ** 2 / count
         return curvature, spread + float(inverse @ prior @ inverse)

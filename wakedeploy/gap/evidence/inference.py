@@ -11,6 +11,7 @@ import numpy as np
 
 from wakedeploy.gap.evidence.ascent import ENOUGH_NATS, Ascent
 from wakedeploy.gap.evidence.fits import (
+    LOST_NATS,
     Fit,
     FloatArray,
     Hypothesis,
@@ -115,9 +116,14 @@ def gain_over(base: Fit, larger: Fit) -> float:
 
 
 def _flattery(fitted: Fit, places: Sequence[int]) -> FloatArray:
-    """The nats (E,) by which parameters fit each episode too well, having been fitted to it."""
+    """The nats (E,) by which parameters fit each episode too well, having been fitted to it.
+
+    Where a prediction jumps, as at a sensor's end, a finite difference is no slope and its parabola
+    means nothing: no episode loses more than the worst sample can.
+    """
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
-    total = fisher.sum(0) + np.diag(prior_precision(fitted.free))
+    prior = np.diag(prior_precision(fitted.free))
+    total = fisher.sum(0) + prior
     low, high = bounds_of(fitted.free)
     fixed = (fitted.theta <= low) | (fitted.theta >= high)
     places = [i for i in places if not fixed[i]]  # at its bound a parameter follows no episode
@@ -132,11 +138,11 @@ def _flattery(fitted: Fit, places: Sequence[int]) -> FloatArray:
     along[shared] = -follow
     pull = gradient @ along  # (E, k)
     curvature = along.T @ fisher @ along  # (E, k, k)
-    everything = along.T @ total @ along
+    stated = along.T @ prior @ along
     lost = []
-    for u, j in zip(pull, curvature, strict=True):
-        rest = everything - j
+    for e, (u, j) in enumerate(zip(pull, curvature, strict=True)):
+        rest = np.delete(curvature, e, axis=0).sum(0) + stated  # no difference of large numbers
         step = solved(rest, -u)
         step *= min(1.0, (_FARTHEST / max(float(step @ rest @ step), 1e-12)) ** 0.5)
-        lost.append(0.5 * float(step @ j @ step) - float(u @ step))
+        lost.append(min(0.5 * float(step @ j @ step) - float(u @ step), -LOST_NATS))
     return np.array(lost)
