@@ -382,7 +382,13 @@ def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdic
 
 @pytest.mark.parametrize(
     ("measured", "further"),
-    [("a.csv.gz", "new.csv.gz"), ("a.v2.npz", "new.npz"), ("a.log", "new.log"), ("day", "new")],
+    [
+        ("a.csv.gz", "new.csv.gz"),
+        ("A.CSV.GZ", "new.CSV.GZ"),
+        ("a.v2.npz", "new.npz"),
+        ("a.log", "new.log"),
+        ("day", "new"),
+    ],
 )
 def test_a_further_log_is_called_as_one_of_its_format(measured, further):
     result = SimpleNamespace(

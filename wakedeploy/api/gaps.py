@@ -220,8 +220,9 @@ def close_gap(
 ) -> Gap:
     """Find, name and add what a rig file or a system of your own lacks, and show the gap.
 
-    The gap is shown on flights, or on a quarter of the logs, that nothing was fitted to. Everything
-    that is written lies in `out`; a second call replaces what has changed. It takes minutes.
+    The gap is shown on flights, or on the last quarter of the logs that moves, to which nothing was
+    fitted. Everything that is written lies in `out`; a second call replaces what has changed. It
+    takes minutes.
 
     Args:
         system: The rig file that the flights were flown with, or a system of your own: its Python

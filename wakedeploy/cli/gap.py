@@ -86,8 +86,8 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
                      help="Folder for artefacts, figures and report."),
         click.option("--measured", type=click.Path(path_type=Path), multiple=True, required=True,
                      help="Run logs of a rig, four or more, the last of which is sealed (from six "
-                          "on, two); of a system one or more, files or folders, a quarter of which "
-                          "is sealed."),
+                          "on, two); of a system one or more, files or folders, of which the last "
+                          "quarter that moves is sealed."),
         click.option("--columns", type=_FILE,
                      help="With --system: what the logs' columns mean."),
         click.option("--system", "system_path", type=click.Path(path_type=Path),

@@ -8,7 +8,7 @@ import click
 
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.live_options import TOKEN, address_option, tell_address
-from wakedeploy.cli.output import json_option, print_table, progress, write_json
+from wakedeploy.cli.output import Written, json_option, print_table, progress, write_json
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -72,9 +72,7 @@ def show(
 
 @command.command("export")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="FILE.csv, .parquet or .mat."
-)
+@click.option("--out", required=True, type=Written(), help="FILE.csv, .parquet or .mat.")
 def export(file: Path, out: Path) -> None:
     """Write a run for other programs: CSV, Parquet or MATLAB's .mat, as the name of OUT ends.
 

@@ -93,5 +93,6 @@ def _plain(name: str) -> str:
 
 def without_ending(name: str) -> str:
     """A log's name without the ending of its format, such as `.csv` or `.csv.gz`."""
-    stem = re.sub(r"\.(gz|csv|tsv|txt|dat|parquet|pq|npz|h5|hdf5?|mat|mcap|db3|ulo?g)$", "", name)
-    return re.sub(r"\.(csv|tsv|txt|dat)$", "", stem)
+    formats = r"\.(gz|csv|tsv|txt|dat|parquet|pq|npz|h5|hdf5?|mat|mcap|db3|ulo?g)$"
+    stem = re.sub(formats, "", name, flags=re.IGNORECASE)
+    return re.sub(r"\.(csv|tsv|txt|dat)$", "", stem, flags=re.IGNORECASE)

@@ -1,5 +1,6 @@
 """What to do about an unknown: what is most useful here, and where all ways stand."""
 
+import re
 import shlex
 from pathlib import Path
 
@@ -103,8 +104,12 @@ def test_without_any_of_these_units_come_first() -> None:
     "changed", [{}, {"unexplained": [push()]}, {"class": ["a", "b", "c", "d"]}]
 )
 def test_every_unknown_points_to_the_page_that_has_all_ways(changed) -> None:
-    assert f"{PAGE}#of-a-system-of-your-own" in next_step(unknown(**changed))
-    assert "## Of a system of your own" in (ROOT / PAGE).read_text("utf-8")
+    step = next_step(unknown(**changed))
+    assert f"{PAGE}#of-a-system-of-your-own" in step
+    _, page = (ROOT / PAGE).read_text("utf-8").split("## Of a system of your own\n")
+    ways = re.findall(r"^\d\. \*\*(.+)\.\*\*", page, re.MULTILINE)
+    assert [way for way in ways if way.lower() not in step] == []
+    assert len(ways) == 7
 
 
 def test_of_an_unknown_no_error_stands_as_after() -> None:

@@ -10,8 +10,8 @@ from wakedeploy.gap.wording import listed
 
 _PAGE = "docs/how-to/unknown.md#of-a-system-of-your-own"
 _ALL = (
-    f"All ways on are in {_PAGE}: units and samples, constants, equations, another log, half of "
-    "the log."
+    f"All ways on are in {_PAGE}: units and samples, constants, kinds, the equations, another log, "
+    "half of the log, uneven noise."
 )
 
 
