@@ -288,6 +288,9 @@ def test_a_jump_costs_no_more_than_the_worst_sample() -> None:
     gains = held_out(base, jumps)
     assert gains[2] == pytest.approx(LOST_NATS, rel=1e-3)
     assert np.all(np.delete(gains, 2) > -100.0)
+    looked_at = held_out(base, jumps, model)
+    assert looked_at == pytest.approx(held_out(base, larger), abs=20.0)  # the model has no jump
+    assert held_out(base, larger, model) == pytest.approx(held_out(base, larger), abs=1e-9)
 
 
 def test_a_bound_holds_and_the_rest_is_fitted_under_it() -> None:

@@ -21,10 +21,12 @@ from wakedeploy.gap.evidence.fits import (
     densities,
     neutral,
     prior_precision,
+    scores_of,
     solved,
 )
 
 _FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all directions together
+_IMPLAUSIBLE, _MUCH_NATS = 2.0, 10.0  # losses: times what was gained, of which this is the least
 _RISEN_NATS, _MOST_REFITS = 0.1, 4  # a smaller rise ends the repeats of a fit; how many there are
 _AT_REST_SD = 0.1  # a size that a repeated fit moves by less has come to rest
 
@@ -88,7 +90,7 @@ def applied(model: Model, fitted: Fit, episodes: Sequence[int] | None = None) ->
     return Fit(fitted.hypothesis, fitted.free, episodes, fitted.theta, slopes, densities(scores))
 
 
-def held_out(base: Fit, larger: Fit) -> FloatArray:
+def held_out(base: Fit, larger: Fit, model: Model | None = None) -> FloatArray:
     """What a larger hypothesis adds to each episode's log density, not having seen it, (E,) nats.
 
     Only the larger one's own parameters are left out: they are those that the other episodes
@@ -96,7 +98,8 @@ def held_out(base: Fit, larger: Fit) -> FloatArray:
     fitted noise and calibration; leaving these out as well would add little to the difference but
     scatter. A calibrated constant that an effect takes over counts as the effect's own. The method
     is one Newton step from the common optimum, exact for a quadratic log density (as in the
-    efficient score: Neyman 1959).
+    efficient score: Neyman 1959). Where such a step loses implausibly much, as across the jump of a
+    sensor that is cut, `model` is asked at its end, if it is given.
 
     With one episode nothing can be left out; each parameter then costs one nat (Akaike 1974).
     Raises ValueError where the fits are of different episodes.
@@ -107,7 +110,7 @@ def held_out(base: Fit, larger: Fit) -> FloatArray:
     seen = larger.per_episode - base.per_episode
     if len(larger.episodes) < 2:
         return seen - len(places)
-    return seen - _flattery(larger, places)
+    return seen - _flattery(larger, places, seen, model)
 
 
 def gain_over(base: Fit, larger: Fit) -> float:
@@ -115,11 +118,13 @@ def gain_over(base: Fit, larger: Fit) -> float:
     return float(held_out(base, larger).sum()) + larger.log_prior - base.log_prior
 
 
-def _flattery(fitted: Fit, places: Sequence[int]) -> FloatArray:
+def _flattery(
+    fitted: Fit, places: Sequence[int], seen: FloatArray, model: Model | None
+) -> FloatArray:
     """The nats (E,) by which parameters fit each episode too well, having been fitted to it.
 
-    Where a prediction jumps, as at a sensor's end, a finite difference is no slope and its parabola
-    means nothing: no episode loses more than the worst sample can.
+    Where a prediction jumps, a finite difference is no slope and its parabola means nothing: no
+    episode loses more than the worst sample can.
     """
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
     prior = np.diag(prior_precision(fitted.free))
@@ -139,10 +144,20 @@ def _flattery(fitted: Fit, places: Sequence[int]) -> FloatArray:
     pull = gradient @ along  # (E, k)
     curvature = along.T @ fisher @ along  # (E, k, k)
     stated = along.T @ prior @ along
-    lost = []
+    lost = np.zeros(len(gradient))
     for e, (u, j) in enumerate(zip(pull, curvature, strict=True)):
         rest = np.delete(curvature, e, axis=0).sum(0) + stated  # no difference of large numbers
         step = solved(rest, -u)
         step *= min(1.0, (_FARTHEST / max(float(step @ rest @ step), 1e-12)) ** 0.5)
-        lost.append(min(0.5 * float(step @ j @ step) - float(u @ step), -LOST_NATS))
-    return np.array(lost)
+        lost[e] = min(0.5 * float(step @ j @ step) - float(u @ step), -LOST_NATS)
+        if model is not None and lost[e] > _IMPLAUSIBLE * max(seen[e], _MUCH_NATS):
+            lost[e] = _lost(model, fitted, e, np.clip(fitted.theta + along @ step, low, high))
+    return lost
+
+
+def _lost(model: Model, fitted: Fit, place: int, theta: FloatArray) -> float:
+    """What one of a fit's episodes loses with other parameters (p,) [nats]."""
+    ((score,),) = scores_of(
+        model, fitted.hypothesis, theta[None], fitted.episodes[place : place + 1]
+    )
+    return max(float(fitted.per_episode[place] - score.log_density.sum()), 0.0)

@@ -163,10 +163,15 @@ def rank_fairly(
     )
 
 
-def candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
-    """What a fit with an effect gains over a base; each is around the motion of its own fit."""
+def candidate(base: Fit, name: str, fitted: Fit, model: Model | None = None) -> Candidate:
+    """What a fit with an effect gains over a base; each is around the motion of its own fit.
+
+    `model` is asked about losses that are implausible.
+    """
     unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
-    return Candidate(name, fitted, held_out(base, fitted), unbent, gained, _looked(fitted, name))
+    return Candidate(
+        name, fitted, held_out(base, fitted, model), unbent, gained, _looked(fitted, name)
+    )
 
 
 def _looked(fitted: Fit, name: str) -> float:

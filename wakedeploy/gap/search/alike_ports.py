@@ -62,7 +62,7 @@ def twins(
         if is_known or too_many or len(fitted) == _MOST:
             continue
         together, still = settled(model, _climbed(model, found, verdict.candidate.fit, names))
-        both = candidate(found, names[0], together)
+        both = candidate(found, names[0], together, model)
         most = max(needed[name] for name in names)
         needs_all = both.gain_nats - max(gains[name] for name in names) > most
         if needs_all and not any(is_nothing(together, name) for name in names):

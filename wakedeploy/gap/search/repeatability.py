@@ -120,7 +120,7 @@ class _Asked:
         ranked = self._ranked(base)
         leading = self._leading(ranked)
         near = [c for c in ranked if c is leading or self._is_near(c, ranked[0], leading)]
-        leading = candidate(base, leading.name, self._at_its_top(leading.fit))
+        leading = candidate(base, leading.name, self._at_its_top(leading.fit), self.model)
         free = sizes_of(leading.fit, leading.name)[0]
         plain = least_squares(self.model, leading.fit)
         size = parameters(self.model, leading.fit, (leading.name,), plain)[free.name]
@@ -148,7 +148,9 @@ class _Asked:
         least = max(RULES.least_nats, WORTH * max(prospects.values()))
         able = [n for n in fits if n == self.found or prospects[n] > least]
         fits |= dict(zip(able, raced(model, base, [fits[n] for n in able]), strict=True))
-        ranked = [candidate(base, name, fits[name]) for name in fits if fits[name].slopes.scores]
+        ranked = [
+            candidate(base, name, fits[name], model) for name in fits if fits[name].slopes.scores
+        ]
         return sorted(ranked, key=lambda c: -c.gain_nats)
 
     def _at_its_top(self, raced_fit: Fit) -> Fit:

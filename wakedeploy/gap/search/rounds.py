@@ -227,7 +227,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
         if outcome.weights and len(members) > RULES.most_in_class:
             return None
         better, still = settled(model, effect.fit)
-        follows = candidate(outcome.found, effect.name, better)
+        follows = candidate(outcome.found, effect.name, better, model)
         if not _is_something(follows, searched):
             why = NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK
             searched = outcome.rounds[-1] = marked(searched, effect.name, why)

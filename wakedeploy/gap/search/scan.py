@@ -76,7 +76,7 @@ def _compared(
     model: Comparison, ground: Ground, order: Sequence[Look], fitted: Mapping[str, Fit]
 ) -> tuple[list[Candidate], Chance]:
     """Candidates best first, and what chance brings beside the first."""
-    found = [candidate(ground.base, seen.name, fitted[seen.name]) for seen in order]
+    found = [candidate(ground.base, seen.name, fitted[seen.name], model) for seen in order]
     best_first = sorted(found, key=lambda c: -c.gain_nats)
     leader = best_first[0].fit if best_first else ground.base
     return best_first, chance_nats(ground, order, leader, by_block=is_far_ahead(model))
@@ -281,11 +281,11 @@ def simpler(
         hypothesis = (*base.hypothesis, name)
         start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
         fitted = climbed(model, begun(model, hypothesis, base, start))
-        simple = candidate(base, name, fitted)
+        simple = candidate(base, name, fitted, model)
         if simple.gain_nats >= least:
             return simple
         points = [start, *([known[name].fit.theta] if name in known else [])]
-        simple = candidate(base, name, to_the_end(model, base, points, fitted))
+        simple = candidate(base, name, to_the_end(model, base, points, fitted), model)
         if simple.gain_nats >= least:
             return simple
     return best

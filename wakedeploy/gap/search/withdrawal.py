@@ -29,7 +29,7 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
         if _evident_by_size(found, name) > RULES.plain_times * chance.nats:
             continue
         without = _without(model, found, name)
-        again = candidate(without, name, found)
+        again = candidate(without, name, found, model)
         needed = needed_nats(again, chance, tried)
         if again.gains.sum() <= needed or not is_shared(again, needed):
             found = without
