@@ -13,7 +13,7 @@ from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.power import power
-from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
+from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, cut_outputs, rows
 
 
 class Rail(System):
@@ -224,6 +224,16 @@ def test_all_numbers_have_the_same_sign_for_minus() -> None:
     told = column_notes(LogModel(_valve(), [Recording("made", np.arange(400) / 100.0, columns)]))
     assert any("is at its least, −0.45, in" in note for note in told)
     assert not any(re.search(r"-\d", note) for note in told)
+
+
+def test_a_search_is_warned_of_an_output_that_is_cut_in_many_samples() -> None:
+    """A command may stand at its limit, and a sensor touch its own."""
+    time_s, wave = np.arange(400) / 100.0, np.sin(np.arange(400) / 10.0)
+    for lowest, told in ((-0.45, ["output flow is at its least, −0.45, in 33.0% of the samples. "]),
+                         (-0.99, [])):  # fmt: skip
+        columns = {"command_pct": np.maximum(wave, -0.2), "flow": np.maximum(wave, lowest)}
+        notes = cut_outputs(LogModel(_valve(), [Recording("made", time_s, columns)]))
+        assert [note.partition("If")[0] for note in notes] == told
 
 
 def test_a_constant_that_nobody_gave_a_unit_is_said_to_count_as_1() -> None:

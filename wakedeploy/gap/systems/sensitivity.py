@@ -36,8 +36,10 @@ _OUTSIDE = 0.5  # of the width of its limits: so far beyond them an input has an
 _MOVING = 0.05  # of its usual rate, from which a state is not at rest
 _MANY_TURNS = 3.0  # that an output's range may have before degrees are thought of
 _FEWEST_STUCK = 3  # samples at a column's end
+_FEW_VALUES = 20  # of a column whose ends say nothing, as of steps that go up and down
 _FEWEST_RUNS, _USUAL_RUN, _FROZEN = 20, 0.9, 20.0  # of equal samples; a quantile, and times that
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
+_CUT = 0.1  # the same, from which what lies beyond may be what an effect is named for
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,17 @@ def column_notes(model: LogModel) -> list[str]:
     names = [output.name for output in model.system.outputs]
     columns = np.concatenate([log.outputs for log in logs], axis=1)
     return notes + _own_notes(model.system, dict(zip(names, columns, strict=True)))
+
+
+def cut_outputs(model: LogModel) -> list[str]:
+    """Outputs that stay at one of their ends, where a search takes the sensor as it is stated."""
+    columns = np.concatenate([log.outputs for log in model.logs], axis=1)
+    return [
+        f"output {shown.name} {stays}. If its sensor ends there, and not the motion, write that "
+        "into `measure`, as by np.clip; what the sensor hides may else be taken for an effect."
+        for shown, values in zip(model.system.outputs, columns, strict=True)
+        for stays in _at_ends(values[np.isfinite(values)], _CUT)
+    ]
 
 
 def _curves(model: LogModel) -> list[str]:
@@ -297,15 +310,22 @@ def _notes(what: str, values: FloatArray) -> list[str]:
     values = values[np.isfinite(values)]
     if np.ptp(values) == 0.0:
         return [f"{what} never changes: nothing can be learnt from it."]
-    notes = []
-    for end, word in ((values.max(), "most"), (values.min(), "least")):
-        there = int(np.sum(values == end))
-        share = there / len(values)
-        if there >= _FEWEST_STUCK and share > _STUCK and len(np.unique(values)) > 20:
-            notes.append(
-                f"{what} is at its {word}, {minus(f'{end:.4g}')}, in {share:.1%} of the samples."
-            )
-    return notes
+    return [f"{what} {stays}." for stays in _at_ends(values, _STUCK)]
+
+
+def _at_ends(values: FloatArray, least: float) -> list[str]:
+    """Ends of finite values at which more than the share `least` of them is."""
+    if len(np.unique(values)) <= _FEW_VALUES:
+        return []
+    shares = [
+        (end, word, float(np.mean(values == end)))
+        for end, word in ((values.max(), "most"), (values.min(), "least"))
+    ]
+    return [
+        f"is at its {word}, {minus(f'{end:.4g}')}, in {share:.1%} of the samples"
+        for end, word, share in shares
+        if share > least and share * len(values) >= _FEWEST_STUCK
+    ]
 
 
 def _off_zero(stated: Input, values: FloatArray) -> list[str]:
