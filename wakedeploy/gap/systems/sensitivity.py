@@ -134,10 +134,12 @@ def cut_outputs(model: LogModel) -> list[str]:
     """Outputs that stay at one of their ends, where a search takes the sensor as it is stated."""
     columns = np.concatenate([log.outputs for log in model.logs], axis=1)
     return [
-        f"output {shown.name} {stays}. If its sensor ends there, and not the motion, write that "
-        "into `measure`, as by np.clip; what the sensor hides may else be taken for an effect."
+        f"output {shown.name} {_staying(word, end, share)}. If its sensor ends there, and not the "
+        "motion, write that into `measure`, as by np.clip; what the sensor hides may else be taken "
+        "for an effect."
         for shown, values in zip(model.system.outputs, columns, strict=True)
-        for stays in _at_ends(values[np.isfinite(values)], _CUT)
+        for word, end, share in _at_ends(values[np.isfinite(values)], _CUT)
+        if end != 0.0  # there a speed is at rest
     ]
 
 
@@ -310,22 +312,22 @@ def _notes(what: str, values: FloatArray) -> list[str]:
     values = values[np.isfinite(values)]
     if np.ptp(values) == 0.0:
         return [f"{what} never changes: nothing can be learnt from it."]
-    return [f"{what} {stays}." for stays in _at_ends(values, _STUCK)]
+    return [f"{what} {_staying(*end)}." for end in _at_ends(values, _STUCK)]
 
 
-def _at_ends(values: FloatArray, least: float) -> list[str]:
-    """Ends of finite values at which more than the share `least` of them is."""
+def _at_ends(values: FloatArray, least: float) -> list[tuple[str, float, float]]:
+    """Which end, where, and the share of finite values there, if it is above `least`."""
     if len(np.unique(values)) <= _FEW_VALUES:
         return []
-    shares = [
-        (end, word, float(np.mean(values == end)))
-        for end, word in ((values.max(), "most"), (values.min(), "least"))
+    ends = [
+        (word, float(end), float(np.mean(values == end)))
+        for word, end in (("most", values.max()), ("least", values.min()))
     ]
-    return [
-        f"is at its {word}, {minus(f'{end:.4g}')}, in {share:.1%} of the samples"
-        for end, word, share in shares
-        if share > least and share * len(values) >= _FEWEST_STUCK
-    ]
+    return [e for e in ends if e[2] > least and e[2] * len(values) >= _FEWEST_STUCK]
+
+
+def _staying(word: str, end: float, share: float) -> str:
+    return f"is at its {word}, {minus(f'{end:.4g}')}, in {share:.1%} of the samples"
 
 
 def _off_zero(stated: Input, values: FloatArray) -> list[str]:
