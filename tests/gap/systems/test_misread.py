@@ -106,6 +106,8 @@ def told(cart, step, *more, **scales):
         ({"place": 1.0 / 0.0254}, "output place is in in, and not in m"),
         ({"push": 1e3}, "input push is in mN, and not in N"),
         ({"push": 1.0 / 9.80665}, "input push is in kgf, and not in N"),
+        ({"place": -1.0}, "input push or output place has the other sign"),
+        ({"push": -1.0}, "input push or output place has the other sign"),
         ({}, ""),
     ],
 )
@@ -186,6 +188,40 @@ def test_a_speed_in_another_unit_than_its_position_is_told():
     scale = float(note.partition("second goes ")[2].partition(" times")[0])
     assert scale == pytest.approx(np.pi / 180.0, rel=0.05)
     assert "gyro is in deg/s" in note
+
+
+@pytest.mark.parametrize("turned", ["second", "gyro"])
+def test_a_speed_of_the_other_sign_than_its_position_is_told(turned):
+    made = joints()
+    columns = dict(made.columns, **{turned: -made.columns[turned]})
+    (note,) = misread(LogModel(Joints(), [Recording("made", made.time_s, columns)]))
+    assert note.startswith("output second goes the other way than its speed, gyro, says")
+
+
+class Hanging(Known):
+    """A load on the first joint: of a motor and an angle, it shows which sign is wrong."""
+
+    def derivative(self, state, inputs, c):
+        rates = super().derivative(state, inputs, c)
+        rates["first_rate"] = rates["first_rate"] - 0.5
+        return rates
+
+
+@pytest.mark.parametrize(
+    ("turned", "said"),
+    [
+        ("first", "output first has the other sign"),
+        ("motor_1_nm", "input motor_1_nm has the other sign"),
+    ],
+)
+def test_which_sign_is_wrong_is_told_where_a_load_shows_it(turned, said):
+    made = joints()
+    motor = made.columns["motor_1_nm"]
+    place, _ = moved(motor - 1.5, 3.0, 2.0, 0)
+    columns = dict(made.columns, first=place)
+    columns[turned] = -columns[turned]
+    (note,) = misread(LogModel(Hanging(), [Recording("made", made.time_s, columns)]))
+    assert f"far better if {said}: " in note
 
 
 @pytest.mark.parametrize("name", [

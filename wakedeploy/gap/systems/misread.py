@@ -1,14 +1,15 @@
-"""Columns that may be in another unit, or be exchanged: a system explains its logs far better so.
+"""Columns in another unit, of another sign, or exchanged: a system explains its logs far better so.
 
 In: a `LogModel`, before any fit. Out: sentences. Each column is read in other units of its
-dimension, and each two are exchanged; what counts is how far the system, with its constants as
-stated, is off a forecast later, and whether a position goes on as its measured speed says.
+dimension and with the other sign, and each two are exchanged; what counts is how far the system,
+with its constants as stated, is off a forecast later, and whether a position goes on as its
+measured speed says.
 """
 
 import copy
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,7 @@ _UNITS = (
     "N mm", "V", "mV", "A", "mA", "W", "mW", "kW", "Pa", "kPa", "mbar", "bar", "psi", "kg", "g",
     "Hz", "1/min", "l/min", "m^3/s", "1", "%",
 )  # fmt: skip
+_OTHER_SIGN = " has the other sign"
 _GRAVITIES, _GRAVITY = "g, 9.81 m/s²", 9.80665
 _ROWS, _LOGS, _PLACES, _DEAR_PLACES = 3000, 2, 200, 40  # that are looked at
 _FEWEST_ROWS, _AT_FULL_LENGTH = 500, 12  # of rows; more readings than these see fewer of them
@@ -73,7 +75,11 @@ def _of_forecasts(model: LogModel) -> list[str]:
     """The readings under which errors of forecasts all but vanish, the best and those as good."""
     logs = _Logs.of(model)
     system, before = logs.system, logs.errors()
-    others = [*_in_other_units(system, before), *_exchanged(system, before)]
+    others = [
+        *_in_other_units(system, before),
+        *_turned(system, before),
+        *_exchanged(system, before),
+    ]
     if len(others) > _AT_FULL_LENGTH:
         logs = logs.shortened(_AT_FULL_LENGTH / len(others))
         before = logs.errors()
@@ -89,10 +95,18 @@ def _of_forecasts(model: LogModel) -> list[str]:
         if words:
             return [
                 "with the constants as stated the system explains these logs far better if "
-                f"{' or '.join(words)}: {ahead * model.dt_s:.3g} s ahead it is off by {best:.2g} "
-                "times what it is now. Check the unit of each column, and which is which."
+                f"{_joined(words)}: {ahead * model.dt_s:.3g} s ahead it is off by {best:.2g} "
+                "times what it is now. Check the unit and the sign of each column, and which is "
+                "which."
             ]
     return []
+
+
+def _joined(words: Sequence[str]) -> str:
+    """Readings, one of which will be right; what several columns have in common is said once."""
+    turned = [w.removesuffix(_OTHER_SIGN) for w in words if w.endswith(_OTHER_SIGN)]
+    rest = [w for w in words if not w.endswith(_OTHER_SIGN)]
+    return " or ".join(rest + ([" or ".join(turned) + _OTHER_SIGN] if turned else []))
 
 
 @dataclass(frozen=True)
@@ -184,6 +198,14 @@ def _units_of(unit: str) -> Iterator[tuple[str, float]]:
 
 def _scaled(words: str, name: str, scale: float) -> _Other:
     return _Other(words, lambda c: {**c, name: scale * c[name]}, scale, name)
+
+
+def _turned(system: StateSpace, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
+    """Every output that is off, and every input, with the other sign: nobody agrees on axes."""
+    off = _are_off(system, errors)
+    names = [(f"input {i.name}", i.name) for i in system.logged if off]
+    for what, name in names + [(f"output {o.name}", o.name) for o in off]:
+        yield _Other(what + _OTHER_SIGN, lambda c, n=name: {**c, n: -c[n]})  # type: ignore[misc]
 
 
 def _exchanged(system: StateSpace, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
@@ -329,6 +351,11 @@ def _of_scale(
     """A position and a speed that go together by another scale than 1."""
     sizes = float(np.sqrt(np.sum(way**2) * np.sum(own**2)))
     alike = float(np.sum(way * own)) / sizes if sizes else 0.0
+    if alike < -_ALIKE:
+        return [
+            f"output {place} goes the other way than its speed, {speed}, says: turn the sign of "
+            "one of the two, by `scale = -1` in its column."
+        ]
     if alike < _ALIKE:
         return []
     scale = float(np.sqrt(np.sum(way**2) / np.sum(own**2)))
