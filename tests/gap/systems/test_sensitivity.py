@@ -13,7 +13,13 @@ from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.power import power
-from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, cut_outputs, rows
+from wakedeploy.gap.systems.sensitivity import (
+    checked_base,
+    column_notes,
+    cut_outputs,
+    hung_outputs,
+    rows,
+)
 
 
 class Rail(System):
@@ -234,6 +240,32 @@ def test_a_search_is_warned_of_an_output_that_is_cut_in_many_samples() -> None:
         columns = {"command_pct": np.maximum(wave, -0.2), "flow": np.maximum(wave, lowest)}
         notes = cut_outputs(LogModel(_valve(), [Recording("made", time_s, columns)]))
         assert [note.partition("If")[0] for note in notes] == told
+
+
+@pytest.mark.parametrize(
+    ("noise", "step", "told"),
+    [(0.01, 0.0, 1), (0.01, 0.05, 0), (0.0, 0.0, 0)],
+    ids=["a sensor that hung", "an encoder at rest", "no noise, at rest"],
+)
+def test_readings_that_are_equal_for_long_are_told_where_noise_forbids_it(
+    noise: float, step: float, told: int
+) -> None:
+    """An encoder has equal readings elsewhere, too, and what has no noise may be at rest."""
+    random, time_s = np.random.default_rng(3), np.arange(400) / 100.0
+    flow = np.sin(np.arange(400) / 10.0) + noise * random.standard_normal(400)
+    flow[:60] = flow[340:] = 0.1 * (noise == 0.0)
+    flow[150:250] = flow[150]
+    if step:
+        flow = np.round(flow / step) * step
+    if noise:
+        flow[:60] += noise * random.standard_normal(60)
+        flow[340:] += noise * random.standard_normal(60)
+    if step:
+        flow = np.round(flow / step) * step
+    columns = {"command_pct": np.cos(time_s), "flow": flow}
+    notes = hung_outputs(LogModel(_valve(), [Recording("made", time_s, columns)]))
+    assert len(notes) == told
+    assert all("in made for 1 s, from 1.5 s after its start" in note for note in notes)
 
 
 def test_a_constant_that_nobody_gave_a_unit_is_said_to_count_as_1() -> None:

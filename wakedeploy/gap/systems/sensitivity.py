@@ -36,6 +36,8 @@ _OUTSIDE = 0.5  # of the width of its limits: so far beyond them an input has an
 _MOVING = 0.05  # of its usual rate, from which a state is not at rest
 _MANY_TURNS = 3.0  # that an output's range may have before degrees are thought of
 _FEWEST_STUCK = 3  # samples at a column's end
+_HUNG, _EQUAL = 20, 0.01  # equal readings in a row; share of shorter runs in other places
+_JAGGED = 0.3  # share of bends to the other side; white noise has two thirds
 _FEW_VALUES = 20  # of a column whose ends say nothing, as of steps that go up and down
 _FEWEST_RUNS, _USUAL_RUN, _FROZEN = 20, 0.9, 20.0  # of equal samples; a quantile, and times that
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
@@ -125,6 +127,7 @@ def column_notes(model: LogModel) -> list[str]:
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
+    notes += hung_outputs(model)
     names = [output.name for output in model.system.outputs]
     columns = np.concatenate([log.outputs for log in logs], axis=1)
     return notes + _own_notes(model.system, dict(zip(names, columns, strict=True)))
@@ -141,6 +144,38 @@ def cut_outputs(model: LogModel) -> list[str]:
         for word, end, share in _at_ends(values[np.isfinite(values)], _CUT)
         if end != 0.0  # there a speed is at rest
     ]
+
+
+def hung_outputs(model: LogModel) -> list[str]:
+    """Outputs whose sensor hung: noise never lets two readings be equal, but there all are."""
+    notes = []
+    for i, shown in enumerate(model.system.outputs):
+        values = np.concatenate([log.outputs[i] for log in model.logs])
+        ends = (np.nanmin(values), np.nanmax(values))
+        for log in model.logs:
+            begins = np.flatnonzero(np.diff(log.outputs[i], prepend=np.nan))
+            lasts = np.diff(np.append(begins, len(log.outputs[i])))
+            longest, usual = int(np.argmax(lasts)), lasts[lasts < _HUNG]
+            value = float(log.outputs[i][begins[longest]])
+            if lasts[longest] < _HUNG or value in ends or not _is_noisy(log.outputs[i]):
+                continue
+            if np.sum(usual > 1) > _EQUAL * len(usual):
+                continue
+            notes.append(
+                f"output {shown.name} is exactly {minus(f'{value:.6g}')}{_behind(shown.unit)} in "
+                f"{log.name} for {model.dt_s * lasts[longest]:.3g} s, from "
+                f"{model.dt_s * begins[longest]:.4g} s after its start, and changes with each "
+                "sample elsewhere, as if its sensor hung. Give what the log has there as `absent` "
+                'in its column, with missing = "nan".'
+            )
+    return notes
+
+
+def _is_noisy(values: FloatArray) -> bool:
+    """Whether a column's slope goes up and down from sample to sample, as no motion does."""
+    bends = np.diff(values[np.isfinite(values)], 2)
+    bends = bends[bends != 0.0]
+    return bool(np.mean(bends[1:] * bends[:-1] < 0.0) > _JAGGED) if len(bends) > 1 else False
 
 
 def _curves(model: LogModel) -> list[str]:
