@@ -334,6 +334,23 @@ def test_an_effect_by_which_inputs_do_far_less_may_stand_for_a_force_that_is_hel
     assert ("a force that stands in no column" in said) is is_doubted
 
 
+@pytest.mark.parametrize(
+    ("name", "parameter", "high", "is_doubted"),
+    [
+        ("sensor-dead-time@x", "delay_s", 2.0, True),
+        ("sensor-dead-time@x", "delay_s", 2.1, False),
+        ("sensor-floor@x", "limit", 2.0, False),  # where the lowest reading is
+    ],
+)
+def test_a_size_that_would_go_on_beyond_what_the_library_lets_it_is_doubted(
+    name: str, parameter: str, high: float, is_doubted: bool
+) -> None:
+    size = {"value": 2.0, "low": 1.9, "high": high, "unit": "s"}
+    effects = [{"name": name, "parameters": {parameter: size}, "forecast": SHARE}]
+    said = " ".join(first_screen(result(effects=effects)))
+    assert ("something else that looks like it" in said) is is_doubted
+
+
 def test_halves_that_do_not_agree_ask_for_more_logs() -> None:
     said = told({"a": (1.0, 0.5)}, **halved(False, (0.1, 0.14), (0.19, 0.22)))
     (line,) = [x for x in said if "The two halves of the logs do not agree: lag@" in x]

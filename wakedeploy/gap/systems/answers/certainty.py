@@ -9,7 +9,7 @@ from wakedeploy.gap.search.outcome import CHANCE
 from wakedeploy.gap.systems.answers.halves import repeated_answer
 from wakedeploy.gap.systems.answers.importance import whole_percent
 from wakedeploy.gap.systems.kinds.library import kinds_of
-from wakedeploy.gap.wording import counted, listed
+from wakedeploy.gap.wording import counted, listed, spoken
 
 _UNEVEN = 2.0  # times what even noise brings
 _MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
@@ -33,9 +33,24 @@ def certainty(result: Result) -> str:
         evident = any(c.gain_nats > c.needed_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
-    doubts = _curved(result), _held_against(result), _rest(result)
+    doubts = _at_its_end(result), _curved(result), _held_against(result), _rest(result)
     said = [beyond, _borne_out(result), repeated_answer(result), *doubts]
     return " ".join(sentence for sentence in said if sentence)
+
+
+def _at_its_end(result: Result) -> str:
+    """That a size went as far as the library lets it: the truth may lie beyond, or be another."""
+    for effect in result.effects:
+        for kind in kinds_of(effect.name):
+            size = effect.parameters.get(kind.parameters[0].name) if kind.parameters else None
+            is_at_end = size is not None and size.value in (size.low, size.high)
+            if is_at_end and not kind.parameters[0].origin and size.low != size.high:
+                return (
+                    f"But the {spoken(kind.parameters[0].name)} of `{effect.name}` went as far as "
+                    "an effect of the library may, and would go on: it is more than that, or "
+                    "something else that looks like it."
+                )
+    return ""
 
 
 def _held_against(result: Result) -> str:
