@@ -16,7 +16,8 @@ FloatArray = npt.NDArray[np.float64]
 
 UNKNOWN = "–"
 DETAILS = "In detail:"  # what comes before it needs no statistics
-_LARGEST = 1e15
+_LARGEST = 1e60
+_LARGE = 1e9  # from here on an exponent reads better than zeros do
 _SMALL = 0.2  # below this, seconds and metres read better in thousandths
 _THOUSANDTHS = {"s": "ms", "m": "mm"}
 _WIDEST = 100.0  # intervals that span more orders of magnitude get no further digits
@@ -154,7 +155,8 @@ def _digits(value: float, spread: float, signed: bool = False) -> str:
         decimals = max(0, -math.floor(math.log10(spread / 3.0)))
     else:
         decimals = 0
-    if decimals > _MOST_DECIMALS and abs(value) < 10.0**-_MOST_DECIMALS:
+    is_small = decimals > _MOST_DECIMALS and abs(value) < 10.0**-_MOST_DECIMALS
+    if is_small or abs(value) >= _LARGE:
         return minus(f"{value:{'+' if signed else ''}.3g}")
     decimals = min(decimals, _MOST_DECIMALS + 2)
     text = f"{value:{'+' if signed else ''},.{decimals}f}"

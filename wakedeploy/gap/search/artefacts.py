@@ -21,7 +21,7 @@ VERSION = 3
 Verdict = Literal["named", "class", "none", "unknown"]
 
 
-_LARGEST = 1e15  # in any unit; nothing that was measured is larger
+_LARGEST = 1e60  # a coefficient of the cube of what was measured in the least of units
 
 
 def _or_nan(value: Any) -> Any:
