@@ -118,6 +118,13 @@ def test_a_column_in_another_unit_than_the_system_says_is_told(cart, scales, sai
     assert said in shown
 
 
+def test_an_output_that_moves_by_less_than_its_noise_is_told(cart):
+    """Whatever its unit may be: friction of millions was named that holds it still."""
+    shown = told(cart, "check", place=1e-6).stdout
+    assert "e−06 m in all, less than the noise that the system states of it, 0.001: is its" in shown
+    assert "in all, less than the noise" not in told(cart, "check", place=1e-2).stdout
+
+
 def test_a_search_says_so_once_before_it_begins(cart, tmp_path):
     out = ["--out", str(tmp_path / "gap")]
     said = "output place is in mm, and not in m"

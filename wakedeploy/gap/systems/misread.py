@@ -22,6 +22,7 @@ from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.blocks import IntArray
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import Constant, Output, StateSpace
+from wakedeploy.gap.wording import minus
 
 _UNITS = (
     "m", "cm", "mm", "in", "ft", "rad", "deg", "rev", "rad/s", "deg/s", "rpm", "rps", "m/s", "cm/s",
@@ -63,9 +64,25 @@ def misread(model: LogModel) -> list[str]:
     Of a system with constants that nobody has measured, only what positions and their speeds say
     of each other: such constants take up any scale.
     """
-    notes = _of_speeds(model)
+    notes = _of_noise(model) or _of_speeds(model)
     unlimited = any(math.isinf(c.spread) for c in model.system.constants)
     return notes or ([] if unlimited else _of_forecasts(model))
+
+
+# --- by noise
+
+
+def _of_noise(model: LogModel) -> list[str]:
+    """Outputs that move by less than the noise that the system states: no unit of theirs is it."""
+    moved = zip(model.system.outputs, _outputs(model), strict=True)
+    spans = [(o, float(np.nanquantile(row, 0.99) - np.nanquantile(row, 0.01))) for o, row in moved]
+    return [
+        f"output {o.name} moves by {minus(f'{span:.3g}')}{f' {o.unit}' if o.unit != '1' else ''} "
+        f"in all, less than the noise that the system states of it, {minus(f'{o.noise:.3g}')}: is "
+        "its unit right?"
+        for o, span in spans
+        if o.noise is not None and 0.0 < span < o.noise
+    ]
 
 
 # --- by forecasts
