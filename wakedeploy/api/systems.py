@@ -140,7 +140,7 @@ def take(
     with at_work(made(out)):
         folder = OwnFolder(model, out, progress, only)
         if not folder.is_found:
-            progress("reading columns in other units")
+            progress("looking at the columns")
             for note in (*misread(model), *cut_outputs(model), *hung_outputs(model)):
                 warn(note)
         artefact = run(folder, step)

@@ -17,11 +17,12 @@ FloatArray = npt.NDArray[np.float64]
 UNKNOWN = "–"
 DETAILS = "In detail:"  # what comes before it needs no statistics
 _LARGEST = 1e60
-_LARGE = 1e9  # from here on an exponent reads better than zeros do
+_LARGE = 1e12  # from here on an exponent reads better than zeros do
 _SMALL = 0.2  # below this, seconds and metres read better in thousandths
 _THOUSANDTHS = {"s": "ms", "m": "mm"}
 _WIDEST = 100.0  # intervals that span more orders of magnitude get no further digits
 _MOST_DECIMALS = 7  # smaller numbers are written with an exponent
+_MOST_DIGITS = 12
 _DIMENSIONLESS = ("", "1", "-", "–")
 _SIGNS = {r"\bus\b": "µs", r"\^2": "²", r"\^3": "³"}
 _UNIT_SUFFIX = re.compile(r"_(n_per_mps|n_per_m|s_per_m|per_s|per_m|m2ps|mps|us|s|m|n|kg|hz)$")
@@ -155,11 +156,14 @@ def _digits(value: float, spread: float, signed: bool = False) -> str:
         decimals = max(0, -math.floor(math.log10(spread / 3.0)))
     else:
         decimals = 0
-    is_small = decimals > _MOST_DECIMALS and abs(value) < 10.0**-_MOST_DECIMALS
-    if is_small or abs(value) >= _LARGE:
-        return minus(f"{value:{'+' if signed else ''}.3g}")
+    sign = "+" if signed else ""
+    if decimals > _MOST_DECIMALS and abs(value) < 10.0**-_MOST_DECIMALS:
+        return minus(f"{value:{sign}.3g}")
+    if abs(value) >= _LARGE:
+        digits = math.log10(3.0 * abs(value) / spread) if 0.0 < spread < math.inf else 2.0
+        return minus(f"{value:{sign}.{min(max(math.ceil(digits), 2), _MOST_DIGITS)}e}")
     decimals = min(decimals, _MOST_DECIMALS + 2)
-    text = f"{value:{'+' if signed else ''},.{decimals}f}"
+    text = f"{value:{sign},.{decimals}f}"
     return text.lstrip("-") if float(text.replace(",", "")) == 0.0 else minus(text)
 
 

@@ -522,7 +522,7 @@ def test_bumps_are_gaussians():
 def settling(monkeypatch):
     """Nothing is fitted again, and everything is something."""
     monkeypatch.setattr(rounds, "settled", lambda model, fit: (fit, True))
-    monkeypatch.setattr(rounds, "candidate", lambda base, name, fit: name)
+    monkeypatch.setattr(rounds, "candidate", lambda base, name, fit, model: name)
     monkeypatch.setattr(rounds, "_is_something", lambda effect, searched: True)
     for stub in ("parameters", "least_squares", "errors"):
         monkeypatch.setattr(rounds, stub, lambda *given: {})

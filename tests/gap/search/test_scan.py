@@ -47,7 +47,7 @@ def test_a_simpler_kind_is_climbed_to_its_summit_before_it_loses_its_name(
         begun_at.extend(points)
         return fits["ended"]
 
-    def judged(base, name, fitted):
+    def judged(base, name, fitted, model):
         where = next(k for k, f in fits.items() if f is fitted)
         return Candidate(name, fitted, np.array([gains[where]]))
 

@@ -233,39 +233,65 @@ def test_all_numbers_have_the_same_sign_for_minus() -> None:
 
 
 def test_a_search_is_warned_of_an_output_that_is_cut_in_many_samples() -> None:
-    """A command may stand at its limit, and a sensor touch its own."""
+    """A command may stand at its limit, a sensor touch its own, and a step's answer settle."""
     time_s, wave = np.arange(400) / 100.0, np.sin(np.arange(400) / 10.0)
     for lowest, told in ((-0.45, ["output flow is at its least, −0.45, in 33.0% of the samples. "]),
                          (-0.99, [])):  # fmt: skip
         columns = {"command_pct": np.maximum(wave, -0.2), "flow": np.maximum(wave, lowest)}
         notes = cut_outputs(LogModel(_valve(), [Recording("made", time_s, columns)]))
         assert [note.partition("If")[0] for note in notes] == told
+        settled = columns | {"flow": np.round(1.0 - np.exp(-time_s / 0.1), 3)}
+        assert cut_outputs(LogModel(_valve(), [Recording("made", time_s, settled)])) == []
+
+
+def _noisy(samples: int = 400) -> np.ndarray:
+    noise = np.random.default_rng(3).standard_normal(samples)
+    return np.asarray(np.sin(np.arange(samples) / 10.0) + 0.01 * noise)
+
+
+def _hung(flow: np.ndarray, first: int = 150, last: int = 250) -> np.ndarray:
+    flow = flow.copy()
+    flow[first:last] = flow[first]
+    return flow
+
+
+def _hangs(*flows: np.ndarray) -> list[str]:
+    logs = [
+        Recording(f"log {k}", np.arange(400) / 100.0, {"command_pct": _noisy(), "flow": flow})
+        for k, flow in enumerate(flows)
+    ]
+    return hung_outputs(LogModel(_valve(), logs))
+
+
+def test_a_sensor_that_hung_is_told_with_place_and_number() -> None:
+    """In the log where it did, also at its least reading and between readings that are missing."""
+    (note,) = _hangs(_noisy(), _hung(_noisy()))
+    assert note.startswith(f"output flow is exactly {_noisy()[150]:.9g} in log 1 for 1 s, from 1.5")
+    dropped = _noisy()
+    dropped[150:250] = -2.0
+    (note,) = _hangs(dropped)
+    assert "is exactly −2 in log 0 for 1 s" in note
+    holey = _hung(_noisy())
+    holey[100:300:3] = np.nan
+    assert len(_hangs(holey)) == 1
+    (twice,) = _hangs(_hung(_hung(_noisy()), 300, 360))
+    assert "for 1 s, from 1.5 s after its start (and 1 other time)," in twice
 
 
 @pytest.mark.parametrize(
-    ("noise", "step", "told"),
-    [(0.01, 0.0, 1), (0.01, 0.05, 0), (0.0, 0.0, 0)],
-    ids=["a sensor that hung", "an encoder at rest", "no noise, at rest"],
+    "flow",
+    [
+        np.round(_hung(_noisy()) / 0.05) * 0.05,
+        np.repeat(_noisy(20), 20),
+        np.where(np.arange(400) % 200 < 60, 0.0, _noisy()),
+        _hung(_noisy(), 0, 100),
+        _hung(_noisy(), 300, 400),
+        _hung(np.sin(np.arange(400) / 10.0)),
+    ],
+    ids=["an encoder", "5 Hz at 100 Hz", "at rest", "before", "behind", "no noise"],
 )
-def test_readings_that_are_equal_for_long_are_told_where_noise_forbids_it(
-    noise: float, step: float, told: int
-) -> None:
-    """An encoder has equal readings elsewhere, too, and what has no noise may be at rest."""
-    random, time_s = np.random.default_rng(3), np.arange(400) / 100.0
-    flow = np.sin(np.arange(400) / 10.0) + noise * random.standard_normal(400)
-    flow[:60] = flow[340:] = 0.1 * (noise == 0.0)
-    flow[150:250] = flow[150]
-    if step:
-        flow = np.round(flow / step) * step
-    if noise:
-        flow[:60] += noise * random.standard_normal(60)
-        flow[340:] += noise * random.standard_normal(60)
-    if step:
-        flow = np.round(flow / step) * step
-    columns = {"command_pct": np.cos(time_s), "flow": flow}
-    notes = hung_outputs(LogModel(_valve(), [Recording("made", time_s, columns)]))
-    assert len(notes) == told
-    assert all("in made for 1 s, from 1.5 s after its start" in note for note in notes)
+def test_equal_readings_that_need_no_sensor_that_hung_are_not_told(flow: np.ndarray) -> None:
+    assert _hangs(flow) == []
 
 
 def test_a_constant_that_nobody_gave_a_unit_is_said_to_count_as_1() -> None:

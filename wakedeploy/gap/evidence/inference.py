@@ -26,7 +26,8 @@ from wakedeploy.gap.evidence.fits import (
 )
 
 _FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all directions together
-_IMPLAUSIBLE, _MUCH_NATS = 2.0, 10.0  # losses: times what was gained, of which this is the least
+_IMPLAUSIBLE = 2.0  # times what an episode gains: a parabola that loses more is looked into
+_MUCH_NATS = 10.0  # the least gain that this counts from
 _RISEN_NATS, _MOST_REFITS = 0.1, 4  # a smaller rise ends the repeats of a fit; how many there are
 _AT_REST_SD = 0.1  # a size that a repeated fit moves by less has come to rest
 
@@ -123,8 +124,9 @@ def _flattery(
 ) -> FloatArray:
     """The nats (E,) by which parameters fit each episode too well, having been fitted to it.
 
-    Where a prediction jumps, a finite difference is no slope and its parabola means nothing: no
-    episode loses more than the worst sample can.
+    Where a prediction jumps, a finite difference is no slope and its parabola means nothing: if one
+    loses implausibly much, `model` says what is lost at the end of the step. No episode loses more
+    than the worst sample can.
     """
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
     prior = np.diag(prior_precision(fitted.free))
@@ -160,4 +162,5 @@ def _lost(model: Model, fitted: Fit, place: int, theta: FloatArray) -> float:
     ((score,),) = scores_of(
         model, fitted.hypothesis, theta[None], fitted.episodes[place : place + 1]
     )
-    return max(float(fitted.per_episode[place] - score.log_density.sum()), 0.0)
+    lost = float(fitted.per_episode[place] - score.log_density.sum())
+    return min(max(lost, 0.0), -LOST_NATS) if lost == lost else -LOST_NATS

@@ -70,13 +70,13 @@ def over_rounds(name: str, size: Size, rounds: Sequence[Round]) -> Size:
 
 
 def _later(size: Size, by_s: float, most_s: float) -> Size:
-    """A delay and both its ends later by `by_s` [s], none below 0 and the delay within `most_s`."""
+    """A delay and both its ends later by `by_s` [s], none below 0 and none above `most_s`."""
     if by_s == 0.0:
         return size
     names = ("value", "low", "high", "mean_low", "mean_high", "least_squares")
     known = {name: getattr(size, name) for name in names}
-    moved = {name: max(v + by_s, 0.0) for name, v in known.items() if v is not None}
-    moved["value"] = min(moved["value"], max(most_s, size.value))
+    most_s = max(most_s, size.value)
+    moved = {n: min(max(v + by_s, 0.0), most_s) for n, v in known.items() if v is not None}
     return size.model_copy(update=moved)
 
 

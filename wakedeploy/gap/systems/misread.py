@@ -92,14 +92,11 @@ def _of_forecasts(model: LogModel) -> list[str]:
     """The readings under which errors of forecasts all but vanish, the best and those as good."""
     logs = _Logs.of(model)
     system, before = logs.system, logs.errors()
-    others = [
-        *_in_other_units(system, before),
-        *_turned(system, before),
-        *_exchanged(system, before),
-    ]
+    others = [*_in_other_units(system, before), *_exchanged(system, before)]
     if len(others) > _AT_FULL_LENGTH:
         logs = logs.shortened(_AT_FULL_LENGTH / len(others))
         before = logs.errors()
+    others += _of_other_sign(logs, before)
     each = [(_shares(logs, before, other), other) for other in others]
     for ahead in sorted(before):
         left = [
@@ -217,12 +214,27 @@ def _scaled(words: str, name: str, scale: float) -> _Other:
     return _Other(words, lambda c: {**c, name: scale * c[name]}, scale, name)
 
 
-def _turned(system: StateSpace, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
-    """Every output that is off, and every input, with the other sign: nobody agrees on axes."""
-    off = _are_off(system, errors)
-    names = [(f"input {i.name}", i.name) for i in system.logged if off]
-    for what, name in names + [(f"output {o.name}", o.name) for o in off]:
-        yield _Other(what + _OTHER_SIGN, lambda c, n=name: {**c, n: -c[n]})  # type: ignore[misc]
+def _of_other_sign(logs: _Logs, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
+    """Inputs and outputs that are off with the other sign: nobody agrees on axes.
+
+    An input that is never negative, as a pulse's width, has no sign. A position and its speed may
+    be of one encoder, and turn together.
+    """
+    system, off = logs.system, _are_off(logs.system, errors)
+    for stated in system.logged if off else ():
+        if any(np.nanmin(r.columns[stated.name]) < 0.0 for r in logs.recordings):
+            yield _turned(f"input {stated.name}{_OTHER_SIGN}", stated.name)
+    for shown in off:
+        yield _turned(f"output {shown.name}{_OTHER_SIGN}", shown.name)
+    names = {state: name for name, state in system.shown_states().items()}
+    for state, rate in system.kinematic().items():
+        if state in names and rate in names:
+            pair = names[state], names[rate]
+            yield _turned(f"outputs {pair[0]} and {pair[1]} both have the other sign", *pair)
+
+
+def _turned(words: str, *names: str) -> _Other:
+    return _Other(words, lambda c: {**c, **{n: -1.0 * c[n] for n in names}})
 
 
 def _exchanged(system: StateSpace, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
@@ -365,13 +377,13 @@ def _unexplained(way: FloatArray, by: FloatArray) -> float:
 def _of_scale(
     model: LogModel, place: str, speed: str, way: FloatArray, own: FloatArray
 ) -> list[str]:
-    """A position and a speed that go together by another scale than 1."""
+    """A position and a speed that go together by another scale than 1, or the other way."""
     sizes = float(np.sqrt(np.sum(way**2) * np.sum(own**2)))
     alike = float(np.sum(way * own)) / sizes if sizes else 0.0
     if alike < -_ALIKE:
         return [
             f"output {place} goes the other way than its speed, {speed}, says: turn the sign of "
-            "one of the two, by `scale = -1` in its column."
+            "one of the two, in columns.toml by scale = -1."
         ]
     if alike < _ALIKE:
         return []

@@ -36,6 +36,7 @@ _OUTSIDE = 0.5  # of the width of its limits: so far beyond them an input has an
 _MOVING = 0.05  # of its usual rate, from which a state is not at rest
 _MANY_TURNS = 3.0  # that an output's range may have before degrees are thought of
 _FEWEST_STUCK = 3  # samples at a column's end
+_FEWEST_VISITS = 3  # to an end; fewer are a rest, or a plateau
 _HUNG, _EQUAL = 20, 0.01  # equal readings in a row; share of shorter runs in other places
 _JAGGED = 0.3  # share of bends to the other side; white noise has two thirds
 _FEW_VALUES = 20  # of a column whose ends say nothing, as of steps that go up and down
@@ -86,7 +87,7 @@ def rows(model: LogModel, base: Fit, steps: StepsDone = uncounted) -> list[Row]:
 
 
 def column_notes(model: LogModel) -> list[str]:
-    """What the columns themselves show: ends at which they stay, inputs that never change."""
+    """What the columns themselves show: ends at which they stay, what never changes or hung."""
     notes = []
     logs = model.logs
     if model.episodes < FEWEST_IN_ALL:
@@ -134,39 +135,56 @@ def column_notes(model: LogModel) -> list[str]:
 
 
 def cut_outputs(model: LogModel) -> list[str]:
-    """Outputs that stay at one of their ends, where a search takes the sensor as it is stated."""
+    """Outputs that come to one of their ends again and again, and stay, as if a sensor ended there.
+
+    A search takes the sensor as `measure` states it.
+    """
     columns = np.concatenate([log.outputs for log in model.logs], axis=1)
     return [
         f"output {shown.name} {_staying(word, end, share)}. If its sensor ends there, and not the "
-        "motion, write that into `measure`, as by np.clip; what the sensor hides may else be taken "
+        "motion, `measure` has to say so, as by np.clip; what the sensor hides may else be taken "
         "for an effect."
         for shown, values in zip(model.system.outputs, columns, strict=True)
         for word, end, share in _at_ends(values[np.isfinite(values)], _CUT)
-        if end != 0.0  # there a speed is at rest
+        if end != 0.0 and _visits(values, end) >= _FEWEST_VISITS  # at 0 a speed is at rest
     ]
 
 
+def _visits(values: FloatArray, value: float) -> int:
+    """How often a column comes to a value."""
+    there = values == value
+    return int(np.sum(there[1:] & ~there[:-1])) + int(there[0])
+
+
 def hung_outputs(model: LogModel) -> list[str]:
-    """Outputs whose sensor hung: noise never lets two readings be equal, but there all are."""
+    """Outputs whose sensor hung: noise never lets two readings be equal, but there all are.
+
+    At 0 a speed may be at rest, and what begins or ends a log may be before or behind the motion.
+    """
     notes = []
     for i, shown in enumerate(model.system.outputs):
-        values = np.concatenate([log.outputs[i] for log in model.logs])
-        ends = (np.nanmin(values), np.nanmax(values))
         for log in model.logs:
-            begins = np.flatnonzero(np.diff(log.outputs[i], prepend=np.nan))
-            lasts = np.diff(np.append(begins, len(log.outputs[i])))
-            longest, usual = int(np.argmax(lasts)), lasts[lasts < _HUNG]
-            value = float(log.outputs[i][begins[longest]])
-            if lasts[longest] < _HUNG or value in ends or not _is_noisy(log.outputs[i]):
+            known = np.flatnonzero(np.isfinite(log.outputs[i]))
+            values = log.outputs[i][known]
+            begins = np.flatnonzero(np.diff(values)) + 1  # but that of the first run
+            lasts = np.diff(begins)  # and all but the last one
+            hung = [
+                k for k in np.flatnonzero(lasts >= _HUNG)
+                if values[begins[k]] != 0.0 and _visits(values, values[begins[k]]) == 1
+            ]  # fmt: skip
+            usual = lasts[lasts < _HUNG]
+            is_alone = np.sum(usual == 1) > max((1.0 - _EQUAL) * len(usual), 0.5 * len(lasts))
+            if not hung or not is_alone or not _is_noisy(values):
                 continue
-            if np.sum(usual > 1) > _EQUAL * len(usual):
-                continue
+            first, count = hung[int(np.argmax(lasts[hung]))], len(hung)
+            more = f" (and {counted(count - 1, 'other time')})" if count > 1 else ""
             notes.append(
-                f"output {shown.name} is exactly {minus(f'{value:.6g}')}{_behind(shown.unit)} in "
-                f"{log.name} for {model.dt_s * lasts[longest]:.3g} s, from "
-                f"{model.dt_s * begins[longest]:.4g} s after its start, and changes with each "
-                "sample elsewhere, as if its sensor hung. Give what the log has there as `absent` "
-                'in its column, with missing = "nan".'
+                f"output {shown.name} is exactly {minus(f'{values[begins[first]]:.9g}')}"
+                f"{_behind(shown.unit)} in {log.name} for {model.dt_s * lasts[first]:.3g} s, from "
+                f"{model.dt_s * known[begins[first]]:.4g} s after its start{more}, and changes "
+                "with each sample elsewhere, as if its sensor hung. To leave that out, write "
+                'absent = [the number that the log has there] and missing = "nan" into its column '
+                "in columns.toml."
             )
     return notes
 

@@ -8,6 +8,7 @@ from wakedeploy.gap.search.artefacts import Answer, Effect, Ranked, Result
 from wakedeploy.gap.search.outcome import CHANCE
 from wakedeploy.gap.systems.answers.halves import repeated_answer
 from wakedeploy.gap.systems.answers.importance import whole_percent
+from wakedeploy.gap.systems.kinds.kind import Parameter
 from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import counted, listed, spoken
 
@@ -39,18 +40,28 @@ def certainty(result: Result) -> str:
 
 
 def _at_its_end(result: Result) -> str:
-    """That a size went as far as the library lets it: the truth may lie beyond, or be another."""
+    """That a size went as far as the library lets it: the truth may lie beyond, or be another.
+
+    Ends within the usual size, as of a gain that lets nothing through, or at the readings' own, as
+    of a sensor that is cut, mean something by themselves.
+    """
     for effect in result.effects:
         for kind in kinds_of(effect.name):
-            size = effect.parameters.get(kind.parameters[0].name) if kind.parameters else None
-            is_at_end = size is not None and size.value in (size.low, size.high)
-            if is_at_end and not kind.parameters[0].origin and size.low != size.high:
+            if kind.parameters and _is_at_its_end(kind.parameters[0], effect):
                 return (
                     f"But the {spoken(kind.parameters[0].name)} of `{effect.name}` went as far as "
-                    "an effect of the library may, and would go on: it is more than that, or "
-                    "something else that looks like it."
+                    "an effect of the library may: it may be more than that, or something else "
+                    "that looks like it."
                 )
     return ""
+
+
+def _is_at_its_end(parameter: Parameter, effect: Effect) -> bool:
+    size = effect.parameters.get(parameter.name)
+    if size is None or size.low == size.high or parameter.origin:
+        return False
+    at_top = size.value >= size.high and parameter.high > 1.0
+    return at_top or (size.value <= size.low and parameter.low < -1.0)
 
 
 def _held_against(result: Result) -> str:
