@@ -121,7 +121,7 @@ def test_a_column_in_another_unit_than_the_system_says_is_told(cart, scales, sai
 def test_an_output_that_moves_by_less_than_its_noise_is_told(cart):
     """Whatever its unit may be: friction of millions was named that holds it still."""
     shown = told(cart, "check", place=1e-6).stdout
-    assert "e−06 m in all, less than the noise that the system states of it, 0.001: is its" in shown
+    assert "mm in all, less than the noise that the system states of it, 1.00 mm: is its" in shown
     assert "in all, less than the noise" not in told(cart, "check", place=1e-2).stdout
 
 
@@ -206,7 +206,7 @@ def test_a_speed_of_the_other_sign_than_its_position_is_told(turned):
 
 
 class Hanging(Known):
-    """A load on the first joint: of a motor and an angle, it shows which sign is wrong."""
+    """A load of 1.5 N m on the first joint, of 3 kg m²: it shows which sign is wrong."""
 
     def derivative(self, state, inputs, c):
         rates = super().derivative(state, inputs, c)
@@ -229,6 +229,31 @@ def test_which_sign_is_wrong_is_told_where_a_load_shows_it(turned, said):
     columns[turned] = -columns[turned]
     (note,) = misread(LogModel(Hanging(), [Recording("made", made.time_s, columns)]))
     assert f"far better if {said}: " in note
+
+
+class Driven(System):
+    """A cart with a known drive and drag; both its place and its speed are of one encoder."""
+
+    rate_hz = 50.0
+    inputs = [Input("drive", "1")]
+    states = {"place": "m", "speed": "m/s"}
+    outputs = [Output("place", "m"), Output("speed", "m/s")]
+    constants = [Constant("push_n", 4.0, spread=0.1), Constant("drag", 0.8, spread=0.1, unit="1")]
+    ports = [Port.input("drive")]
+
+    def derivative(self, state, inputs, c):
+        rate = (c.push_n * inputs.drive - c.drag * state.speed) / 2.0
+        return {"place": state.speed, "speed": rate}
+
+
+@pytest.mark.parametrize("kind", [float, bool, np.uint8])
+def test_an_input_without_a_sign_is_not_said_to_have_the_other(kind):
+    """A pulse is on or off; the encoder counts the other way, in both of its columns."""
+    drive = (pushes(0) > 0.0).astype(kind)
+    place, speed = moved(4.0 * drive.astype(float), 2.0, 0.8, 1)
+    logged = {"drive": drive, "place": -place, "speed": -speed}
+    (note,) = misread(LogModel(Driven(), [Recording("made", np.arange(400) / 50.0, logged)]))
+    assert "far better if outputs place and speed both have the other sign: " in note
 
 
 @pytest.mark.parametrize("name", [

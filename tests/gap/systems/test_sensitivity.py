@@ -244,6 +244,20 @@ def test_a_search_is_warned_of_an_output_that_is_cut_in_many_samples() -> None:
         assert cut_outputs(LogModel(_valve(), [Recording("made", time_s, settled)])) == []
 
 
+def test_a_sensor_whose_end_the_system_states_is_no_warning_and_check_says_what_a_search_does():
+    class Ends(Valve):
+        def measure(self, state, inputs, c):
+            return {"flow": np.maximum(state.flow, -0.45)}
+
+    time_s, wave = np.arange(400) / 100.0, np.sin(np.arange(400) / 10.0)
+    columns = {"command_pct": wave, "flow": np.maximum(wave, -0.45)}
+    log = Recording("made", time_s, columns)
+    assert cut_outputs(LogModel(Ends(), [log])) == []
+    (warned,) = cut_outputs(LogModel(_valve(), [log]))
+    told = column_notes(LogModel(_valve(), [log]))
+    assert [note for note in told if "is at its least" in note] == [warned]
+
+
 def _noisy(samples: int = 400) -> np.ndarray:
     noise = np.random.default_rng(3).standard_normal(samples)
     return np.asarray(np.sin(np.arange(samples) / 10.0) + 0.01 * noise)

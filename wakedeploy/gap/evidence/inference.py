@@ -162,5 +162,5 @@ def _lost(model: Model, fitted: Fit, place: int, theta: FloatArray) -> float:
     ((score,),) = scores_of(
         model, fitted.hypothesis, theta[None], fitted.episodes[place : place + 1]
     )
-    lost = float(fitted.per_episode[place] - score.log_density.sum())
-    return min(max(lost, 0.0), -LOST_NATS) if lost == lost else -LOST_NATS
+    lost = np.nan_to_num(fitted.per_episode[place] - score.log_density.sum(), nan=-LOST_NATS)
+    return float(np.clip(lost, 0.0, -LOST_NATS))

@@ -22,7 +22,7 @@ from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.blocks import IntArray
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import Constant, Output, StateSpace
-from wakedeploy.gap.wording import minus
+from wakedeploy.gap.wording import quantity
 
 _UNITS = (
     "m", "cm", "mm", "in", "ft", "rad", "deg", "rev", "rad/s", "deg/s", "rpm", "rps", "m/s", "cm/s",
@@ -77,9 +77,8 @@ def _of_noise(model: LogModel) -> list[str]:
     moved = zip(model.system.outputs, _outputs(model), strict=True)
     spans = [(o, float(np.nanquantile(row, 0.99) - np.nanquantile(row, 0.01))) for o, row in moved]
     return [
-        f"output {o.name} moves by {minus(f'{span:.3g}')}{f' {o.unit}' if o.unit != '1' else ''} "
-        f"in all, less than the noise that the system states of it, {minus(f'{o.noise:.3g}')}: is "
-        "its unit right?"
+        f"output {o.name} moves by {quantity(span, o.unit)} in all, less than the noise that the "
+        f"system states of it, {quantity(o.noise, o.unit)}: is its unit right?"
         for o, span in spans
         if o.noise is not None and 0.0 < span < o.noise
     ]
@@ -226,11 +225,10 @@ def _of_other_sign(logs: _Logs, errors: Mapping[int, FloatArray]) -> Iterator[_O
             yield _turned(f"input {stated.name}{_OTHER_SIGN}", stated.name)
     for shown in off:
         yield _turned(f"output {shown.name}{_OTHER_SIGN}", shown.name)
-    names = {state: name for name, state in system.shown_states().items()}
-    for state, rate in system.kinematic().items():
-        if state in names and rate in names:
-            pair = names[state], names[rate]
-            yield _turned(f"outputs {pair[0]} and {pair[1]} both have the other sign", *pair)
+    for place, speed in _places_and_speeds(system):
+        if {place, speed} <= {o.name for o in off}:
+            words = f"outputs {place} and {speed} both have the other sign"
+            yield _turned(words, place, speed)
 
 
 def _turned(words: str, *names: str) -> _Other:
@@ -332,12 +330,8 @@ def _of_speeds(model: LogModel) -> list[str]:
     """Positions that do not go on as the output says that shows their speed."""
     notes = []
     names = [o.name for o in model.system.outputs]
-    shown = {state: name for name, state in model.system.shown_states().items()}
     ways = {name: _ways(model, k) for k, name in enumerate(names)}
-    for state, rate in model.system.kinematic().items():
-        place, speed = shown.get(state), shown.get(rate)
-        if place is None or speed is None:
-            continue
+    for place, speed in _places_and_speeds(model.system):
         way, own = ways[place][0], ways[speed][1]
         if _unexplained(way, own) < _DOES_NOT:
             continue
@@ -355,6 +349,14 @@ def _of_speeds(model: LogModel) -> list[str]:
         else:
             notes += _of_scale(model, place, speed, way, own)
     return notes
+
+
+def _places_and_speeds(system: StateSpace) -> Iterator[tuple[str, str]]:
+    """Every two outputs of which one shows a state, and the other the rate of that state."""
+    shown = {state: name for name, state in system.shown_states().items()}
+    for state, rate in system.kinematic().items():
+        if state in shown and rate in shown:
+            yield shown[state], shown[rate]
 
 
 def _ways(model: LogModel, k: int) -> tuple[FloatArray, FloatArray]:

@@ -42,7 +42,8 @@ _JAGGED = 0.3  # share of bends to the other side; white noise has two thirds
 _FEW_VALUES = 20  # of a column whose ends say nothing, as of steps that go up and down
 _FEWEST_RUNS, _USUAL_RUN, _FROZEN = 20, 0.9, 20.0  # of equal samples; a quantile, and times that
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
-_CUT = 0.1  # the same, from which what lies beyond may be what an effect is named for
+_SAME_END = 0.01  # of a column's span: how near its end is to that of `measure`
+_CUT = 0.1  # the same share, from which what lies beyond may be what an effect is named for
 
 
 @dataclass(frozen=True)
@@ -114,12 +115,14 @@ def column_notes(model: LogModel) -> list[str]:
         notes += _notes(f"input {stated.name}", values)
         if any(p.role == "input" and p.name == stated.name for p in model.system.ports):
             notes += _off_zero(stated, values)
-        ends = (values.min(), values.max())
+        limits = (values.min(), values.max())
         for log in logs:
-            notes += _frozen(stated, log.name, log.inputs[i], ends, model.dt_s)
+            notes += _frozen(stated, log.name, log.inputs[i], limits, model.dt_s)
+    cut = cut_outputs(model)
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
-        notes += _notes(f"output {shown.name}", values)
+        ends = _notes(f"output {shown.name}", values)
+        notes += [next((note for note in cut if note.startswith(end)), end) for end in ends]
         if model.strays[shown.name]:
             notes.append(
                 f"output {shown.name}: {counted(model.strays[shown.name], 'reading')} that stood "
@@ -137,17 +140,31 @@ def column_notes(model: LogModel) -> list[str]:
 def cut_outputs(model: LogModel) -> list[str]:
     """Outputs that come to one of their ends again and again, and stay, as if a sensor ended there.
 
-    A search takes the sensor as `measure` states it.
+    A search takes the sensor as `measure` states it; where that ends there as well, all is said.
     """
+    afar = model.system.shown_afar()
     columns = np.concatenate([log.outputs for log in model.logs], axis=1)
-    return [
-        f"output {shown.name} {_staying(word, end, share)}. If its sensor ends there, and not the "
-        "motion, `measure` has to say so, as by np.clip; what the sensor hides may else be taken "
-        "for an effect."
-        for shown, values in zip(model.system.outputs, columns, strict=True)
-        for word, end, share in _at_ends(values[np.isfinite(values)], _CUT)
-        if end != 0.0 and _visits(values, end) >= _FEWEST_VISITS  # at 0 a speed is at rest
-    ]
+    notes = []
+    for shown, row in zip(model.system.outputs, columns, strict=True):
+        values = row[np.isfinite(row)]
+        for word, end, share in _at_ends(values, _CUT):
+            is_rest = end == 0.0 or _visits(values, end) < _FEWEST_VISITS
+            if not (is_rest or _is_stated(word, end, np.ptp(values), afar.get(shown.name))):
+                notes.append(
+                    f"output {shown.name} {_staying(word, end, share)}. If its sensor ends there, "
+                    "and not the motion, `measure` has to say so, as by np.clip; what the sensor "
+                    "hides may else be taken for an effect."
+                )
+    return notes
+
+
+def _is_stated(word: str, end: float, span: float, afar: FloatArray | None) -> bool:
+    """Whether no state is shown beyond an end of a column whose values have this span."""
+    beyond = np.empty(0) if afar is None else afar[np.isfinite(afar)]
+    if not beyond.size:
+        return False
+    farthest = float(beyond.max()) - end if word == "most" else end - float(beyond.min())
+    return farthest < _SAME_END * span
 
 
 def _visits(values: FloatArray, value: float) -> int:

@@ -409,6 +409,19 @@ class StateSpace:
             if np.array_equal(values, tried[state])
         }
 
+    def shown_afar(self) -> dict[str, FloatArray]:
+        """What sensors show at states of either sign, however large, (20,) by the output's name.
+
+        {} for functions that do not bear such states.
+        """
+        try:
+            tried, _ = self._probed(far=True)
+            with np.errstate(all="ignore"):
+                shown = self._shown(tried)
+        except UnusableInput:
+            return {}
+        return {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in shown.items()}
+
     def remembered(self) -> dict[str, str]:
         """States of a discrete system that are a state or an input of the step before, by that.
 

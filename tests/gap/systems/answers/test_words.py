@@ -335,17 +335,19 @@ def test_an_effect_by_which_inputs_do_far_less_may_stand_for_a_force_that_is_hel
 
 
 @pytest.mark.parametrize(
-    ("name", "parameter", "high", "is_doubted"),
+    ("name", "parameter", "value", "is_doubted"),
     [
         ("sensor-dead-time@x", "delay_s", 2.0, True),
-        ("sensor-dead-time@x", "delay_s", 2.1, False),
+        ("sensor-dead-time@x", "delay_s", 1.95, False),
+        ("stiffness@v", "stiffness", 1.9, True),  # to either side
         ("sensor-floor@x", "limit", 2.0, False),  # where the lowest reading is
+        ("gain@u", "error", 1.9, False),  # nothing arrives: that is an end by itself
     ],
 )
-def test_a_size_that_would_go_on_beyond_what_the_library_lets_it_is_doubted(
-    name: str, parameter: str, high: float, is_doubted: bool
+def test_a_size_that_went_as_far_as_the_library_lets_it_is_doubted(
+    name: str, parameter: str, value: float, is_doubted: bool
 ) -> None:
-    size = {"value": 2.0, "low": 1.9, "high": high, "unit": "s"}
+    size = {"value": value, "low": 1.9, "high": 2.0, "unit": "s"}
     effects = [{"name": name, "parameters": {parameter: size}, "forecast": SHARE}]
     said = " ".join(first_screen(result(effects=effects)))
     assert ("something else that looks like it" in said) is is_doubted
