@@ -1,6 +1,7 @@
 """Forces along a logged flight against what the plant truly did, without turbulence or noise."""
 
 import dataclasses
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -177,6 +178,23 @@ def test_a_moved_constant_is_the_rig_that_has_it(flown) -> None:
     found = physics.forces(moved, NONE)
     assert found.acceleration == pytest.approx(same.acceleration, abs=1e-6)
     assert found.source_n == pytest.approx(same.source_n, abs=1e-9)
+
+
+def test_a_wake_that_hardly_sinks_is_no_longer_than_the_flight(flown) -> None:
+    """A way that a fit tries may end there; the puffs would be in reach for hours, and were kept.
+
+    What has sunk a micrometre in the flight lies as what does not sink.
+    """
+    flight, physics, *_ = flown
+    tracemalloc.start()
+    hardly, never = (
+        physics.forces(CONSTANTS | {"wake.speed_mps": speed_mps}, NONE)
+        for speed_mps in (1e-8, 1e-12)
+    )
+    most_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert hardly.wake_n == pytest.approx(never.wake_n, abs=1e-6)
+    assert most_bytes < 1e8
 
 
 def test_what_was_kept_is_what_would_be_computed_again(flown) -> None:

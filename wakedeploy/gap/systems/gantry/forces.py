@@ -262,7 +262,7 @@ class Physics:
         root /= math.sqrt(self._rig.wake.reference_thrust_n)
         ends = air.start + 2 * np.arange(1, count + 1) - 1
         shape = _of_wake(constants)
-        ages, *shapes = self._puffs(shape)
+        ages, *shapes = self._puffs(shape, count)
         speed = np.full(count, shape["speed_mps"])
 
         def weigh() -> FloatArray:
@@ -289,10 +289,14 @@ class Physics:
         at_middles[:, ends[0] + 1 : ends[-1] + 1] = in_air.reshape(2, -1)
         return at_middles[0, self._flown], at_middles[1, self._flown]
 
-    def _puffs(self, shape: dict[str, float]) -> tuple[FloatArray, Floats, Floats]:
-        """Ages [s], axial speeds [m/s] and widths² [m²] of the puffs in the air, (M,)."""
+    def _puffs(self, shape: dict[str, float], most: int) -> tuple[FloatArray, Floats, Floats]:
+        """Ages [s], axial speeds [m/s] and widths² [m²] of the puffs in the air, (M,).
+
+        No older ones than the `most` that the flight has made: a fit may ask for a wake that hardly
+        sinks, whose puffs would stay in reach for hours.
+        """
         wake = self._rig.wake.model_copy(update=shape)
-        count = puff_count(wake, _JET_DT_S, self._rig.source.height_m)
+        count = min(puff_count(wake, _JET_DT_S, self._rig.source.height_m), most)
         ages = np.asarray(_JET_DT_S * (np.arange(count) + 0.5), float)
         return ages, *puff_shapes(wake, ages, _JET_DT_S)
 
