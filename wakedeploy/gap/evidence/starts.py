@@ -119,22 +119,28 @@ def starts_of(
     return starts
 
 
+def with_louder_noise(free: Sequence[Free], theta: FloatArray) -> FloatArray:
+    """Parameters (p,) with the noise half-way to that of a first fit.
+
+    For a start far from a summit: under the noise fitted elsewhere most samples would be outliers
+    there, and a climb from outliers goes nowhere.
+    """
+    return np.array(
+        [x if f.first is None else 0.5 * (x + f.first) for f, x in zip(free, theta, strict=True)]
+    )
+
+
 def unbent_sizes(
     model: Model, base: Fit, hypothesis: Hypothesis, name: str
 ) -> list[tuple[float, FloatArray]]:
     """Sizes of an effect, likeliest first, with the calibrated constants as they were measured.
 
-    Noise is half-way to that of a first fit: with less, most samples would be outliers there, and a
-    climb from outliers goes nowhere.
+    Noise is louder than the base's: see `with_louder_noise`.
     """
     free = model.free(hypothesis)
     places = own_places(free, name)
-    plain = extended(base, free)
-    for i, f in enumerate(free):
-        if f.quantity:
-            plain[i] = f.neutral
-        if f.first is not None:
-            plain[i] = 0.5 * (plain[i] + f.first)
+    plain = with_louder_noise(free, extended(base, free))
+    plain = np.array([f.neutral if f.quantity else x for f, x in zip(free, plain, strict=True)])
     tried: list[tuple[float, FloatArray]] = []
     for k in range(len(_ROW) + max(len(free[i].starts) for i in places)):
         theta = plain.copy()

@@ -18,6 +18,7 @@ from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.fits import Fit, extended
 from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.evidence.starts import with_louder_noise
 from wakedeploy.gap.few_flights import cannot_tell, headline
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import sealed_count
@@ -350,4 +351,5 @@ def _corrected(found: Found, named: Name, added: Sequence[str]) -> tuple[GantryM
     }
     start = np.array([sizes.get(f.name, np.nan) for f in free])
     start = np.where(np.isnan(start), extended(found.base, free), start)
+    start = with_louder_noise(free, start)
     return refitted(found.model, fit(found.model, hypothesis, found.base.episodes, start))

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from wakedeploy.gap.evidence.fits import Fit, Hypothesis, extended
 from wakedeploy.gap.evidence.inference import applied, fit
 from wakedeploy.gap.evidence.ranking import candidate
+from wakedeploy.gap.evidence.starts import with_louder_noise
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expressions import Symbolic, symbolic_of
@@ -36,10 +37,12 @@ def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
 def reduced(model: GantryModel, current: Fit, rest: Hypothesis) -> tuple[GantryModel, Fit]:
     """A hypothesis without some of its effects, refitted from where it stands.
 
-    A constant that one of these effects had replaced starts from the effect's value: under the
-    noise fitted with it, the way from the rig file's value may lead to no summit.
+    A constant that one of these effects had replaced starts from the effect's value. Its prior
+    pulls it back at once, to where the noise fitted with the effect is far too little: the climb
+    begins with a louder one, or it ends among outliers.
     """
-    start = extended(current, model.free(rest))
+    free = model.free(rest)
+    start = with_louder_noise(free, extended(current, free))
     return refitted(model, fit(model, rest, current.episodes, start))
 
 
