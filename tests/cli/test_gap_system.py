@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from wakedeploy.cli.data import command as data_command
 from wakedeploy.cli.gap import command
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.guess import guess_columns
@@ -300,16 +301,43 @@ def test_a_slow_sensor_judges_a_correction_as_a_fast_one_does(folder, tmp_path):
     assert told["with"]["position_m"] < 0.05 * told["without"]["position_m"]
 
 
-def test_a_log_that_needs_a_columns_file_says_how_to_begin_one(folder, foreign):
+def test_a_log_that_needs_a_columns_file_says_how_to_begin_one(folder, foreign, tmp_path):
     told = str(_simulated(folder, "--measured", foreign).exception)
-    assert f"data import table {foreign} --guess --columns columns.toml" in told
+    system = folder / "my_robot.py"
+    words = f"data import table {foreign} --guess --system {system} --columns"
+    assert f"{words} columns.toml" in told
+    guessed = [*words.split()[1:], str(tmp_path / "c.toml")]
+    ended = CliRunner().invoke(data_command, guessed)
+    assert ended.exit_code == 0, ended.output
+    assert (
+        f"gap check {system} --measured {foreign} --columns {tmp_path / 'c.toml'}" in ended.output
+    )
+    assert (
+        _simulated(folder, "--measured", foreign, "--columns", tmp_path / "c.toml").exit_code == 0
+    )
+
+
+def test_a_name_that_no_column_is_like_is_said(folder, foreign, tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text(foreign.read_text().replace("encoder_mm", "encoder_ticks", 1))
+    words = ["import", "table", log, "--guess", "--system", folder / "my_robot.py"]
+    ended = CliRunner().invoke(data_command, [*map(str, words), "--columns", str(tmp_path / "c")])
+    assert ended.exit_code == 0, ended.output
+    assert "give a column the name position_m and a role, as none was found" in ended.output
+
+
+def test_a_system_goes_with_a_guess_alone(folder, foreign):
+    words = ["import", "table", foreign, "--system", folder / "my_robot.py", "--columns", "c.toml"]
+    ended = CliRunner().invoke(data_command, [str(word) for word in [*words, "--out", "set"]])
+    assert ended.exit_code == 2
+    assert "Give --system only with --guess." in ended.output
 
 
 def test_a_folder_is_told_of_its_columns_file(folder, tmp_path):
     words = ["check", str(folder / "my_robot.py"), "--measured", str(tmp_path)]
     told = str(CliRunner().invoke(command, words).exception)
     assert told.startswith(f"{tmp_path} is a folder, not a CSV file; say by --columns what it hold")
-    assert f"wakedeploy data import table {tmp_path} --guess --columns columns.toml" in told
+    assert f"wakedeploy data import table {tmp_path} --guess --system {folder}" in told
 
 
 def test_a_column_without_the_systems_name_says_where_to_name_it(folder, foreign, tmp_path):

@@ -10,6 +10,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
+    from wakedeploy.api.systems import SystemLike
     from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.core.recording import Recording
     from wakedeploy.domains.tables.columns import Columns
@@ -70,22 +71,29 @@ def read_log(
     return reading.recordings
 
 
-def guess_columns(log: PathLike) -> str:
+def guess_columns(log: PathLike, system: "SystemLike | None" = None) -> str:
     """Write a first `columns.toml` for a log: its columns, and guesses of their units and clock.
 
     Args:
         log: A log, or a folder of files that belong together.
+        system: What the log is of. Columns that are like one of its inputs and outputs, and like no
+            other, get its name and role.
 
     Returns:
-        The text of the file, in which a person gives some columns a role; a table (T, 6) of a log
-        is six columns.
+        The text of the file, in which a person gives some columns a role, or looks at what they
+        got; a table (T, 6) of a log is six columns.
 
     Raises:
-        UnusableInput: The log cannot be read, or holds no numbers.
+        UnusableInput: The log cannot be read, or holds no numbers; or the system cannot be used.
     """
     from wakedeploy.domains.tables.guess import guess_columns as guess
 
-    return guess(*_paths(log))
+    (path,) = _paths(log)
+    if system is None:
+        return guess(path)
+    from wakedeploy.api.systems import asked_of_logs, system_of
+
+    return guess(path, asked_of_logs(system_of(system)))
 
 
 def _paths(files: Paths) -> list[Path]:

@@ -14,6 +14,7 @@ from wakedeploy.api.inputs import PathLike, Warn
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Columns, read_columns
+from wakedeploy.domains.tables.guess_asked import Asked
 from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.folder import LOG, at_work, made, require_logs
 from wakedeploy.gap.progress import Progress
@@ -80,7 +81,7 @@ def recordings_of(
         raise UnusableInput("columns go with logs that are read from files; leave them out.")
     known = columns if isinstance(columns, Columns) else read_columns(Path(columns))
     _require_roles(known, system)
-    units = {i.name: i.unit for i in system.logged} | {o.name: o.unit for o in system.outputs}
+    units = {each.name: each.unit for each in asked_of_logs(system)}
     reading = read_recordings(paths, known, units)
     for note in reading.notes:
         warn(note)
@@ -92,17 +93,20 @@ def _require_roles(columns: Columns, system: System) -> None:
 
     What drives the system has a value at all times; what it shows counts where it was measured.
     """
-    stated = [("input", i.name) for i in system.logged] + [
-        ("output", o.name) for o in system.outputs
-    ]
     opposite = {"input": {"output"}, "output": {"input"}}
-    for role, name in stated:
-        column = columns.columns.get(name)
-        if column is not None and set(column.roles) == opposite[role]:
+    for each in asked_of_logs(system):
+        column = columns.columns.get(each.name)
+        if column is not None and set(column.roles) == opposite[each.role]:
             raise UnusableInput(
-                f"{columns.file}: columns.{name}.role is {column.roles[0]!r}, and it is an {role} "
-                f'of {system.name}; give role = "{role}".'
+                f"{columns.file}: columns.{each.name}.role is {column.roles[0]!r}, and it is an "
+                f'{each.role} of {system.name}; give role = "{each.role}".'
             )
+
+
+def asked_of_logs(system: System) -> list[Asked]:
+    """The columns that a system needs: its inputs, but for those that a law makes, and outputs."""
+    inputs = [Asked(each.name, "input", each.unit) for each in system.logged]
+    return inputs + [Asked(each.name, "output", each.unit) for each in system.outputs]
 
 
 def _plain(path: Path, system: System, warn: Warn) -> Recording:

@@ -1,5 +1,7 @@
 """`wakedeploy data`: make, import and describe episode sets."""
 
+import re
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -204,12 +206,19 @@ def import_() -> None:
 )
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @click.option("--guess", is_flag=True, help="Write a first --columns for the first of FILES.")
+@click.option(
+    "--system",
+    "system_path",
+    type=click.Path(path_type=Path),
+    help="With --guess: a Python file with the system whose inputs and outputs they are.",
+)
 @json_option
 def import_table(
     files: tuple[Path, ...],
     columns_path: Path,
     out: Path | None,
     guess: bool,
+    system_path: Path | None,
     json_path: Path | None,
 ) -> None:
     """Import logs of any system: CSV, Parquet, npz, HDF5, MATLAB, MCAP, rosbag2 or ULog.
@@ -220,11 +229,14 @@ def import_table(
     \b
     Example:
         wakedeploy data import table axis.csv --guess --columns columns.toml
+        wakedeploy data import table axis.csv --guess --system my_robot.py --columns columns.toml
         wakedeploy data import table axis*.csv --columns columns.toml --out sets/axis
     """
     if guess:
-        _guess(files[0], columns_path)
+        _guess(files[0], columns_path, system_path)
         return
+    if system_path is not None:
+        raise click.UsageError("Give --system only with --guess.")
     if out is None:
         raise click.UsageError("Missing option '--out'.")
     from wakedeploy.api.logs import import_table as read
@@ -257,12 +269,12 @@ def _require_apart(out: Path, files: tuple[Path, ...]) -> None:
         )
 
 
-def _guess(log: Path, columns_path: Path) -> None:
+def _guess(log: Path, columns_path: Path, system_path: Path | None) -> None:
     """Write a first columns.toml, never over another one."""
     from wakedeploy.api.logs import guess_columns
     from wakedeploy.core.files import begun
 
-    text = guess_columns(log)
+    text = guess_columns(log, system_path)
     try:
         with begun(columns_path) as path:
             path.write_text(text, "utf-8")
@@ -270,7 +282,16 @@ def _guess(log: Path, columns_path: Path) -> None:
         raise UnusableInput(
             f"{columns_path}: is there already; delete it, or choose another --columns."
         ) from error
+    if system_path is None:
+        click.echo(
+            f"Wrote {columns_path}. Give the columns that you need a role; for `gap`, also the "
+            "names of your system, in [columns.NAME]."
+        )
+        return
+    lacking = " and ".join(re.findall(r"^# Not found: (\w+)", text, re.M))
+    by_hand = f"; give a column the name {lacking} and a role, as none was found" if lacking else ""
+    log_path, columns = shlex.quote(str(log)), shlex.quote(str(columns_path))
     click.echo(
-        f"Wrote {columns_path}. Give the columns that you need a role; for `gap`, also the names "
-        "of your system, in [columns.NAME]."
+        f"Wrote {columns_path}. Look at the lines with a question mark{by_hand}. Then: wakedeploy "
+        f"gap check {shlex.quote(str(system_path))} --measured {log_path} --columns {columns}"
     )

@@ -59,7 +59,7 @@ def init(path: Path, mjcf: Path | None) -> None:
     click.echo(
         f"Wrote {path}. Make it yours, then: wakedeploy gap check {named} --measured LOG\n"
         "A log with other names or units also needs --columns; a first one: wakedeploy data import "
-        "table LOG --guess --columns columns.toml"
+        f"table LOG --guess --system {named} --columns columns.toml"
     )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import SHOWN_ALONE, contradicted, same_unit, si_unit
 from wakedeploy.domains.tables.columns import Delimited
+from wakedeploy.domains.tables.guess_asked import Asked, Match, matched
 from wakedeploy.domains.tables.guess_clock import (
     MOST_COLUMNS,
     Timing,
@@ -40,6 +41,14 @@ Vector = NDArray[np.float64]
 _Named = tuple[str, Log]  # a file's name in its folder, "" for one that is alone, and the file
 
 _SHORT_RUN = 2.0  # rows with a number; longer runs are of one clock, with samples that are lost
+_TO_DO = (
+    "# mark are guesses. Give the columns that you need a role: input, output, observation or",
+    '# force, or several as in ["input", "observation"]. All others are left out.',
+)
+_TO_DO_ASKED = (
+    "# mark are guesses: look at each. Columns that are taken for an input or an output of the",
+    "# system have its name; all others are left out.",
+)
 _MANY_ROWS, _MOST = 5000, 0.9  # that are looked at; a share that is nearly all
 _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"gyro.*rad(\[\d\])?$|_rad_?p?e?r?_?s$|rad/s", "rad/s"),
@@ -84,16 +93,17 @@ class _File:
             yield from sampled_of(self.name, timing, stamped)
 
 
-def guess_columns(path: Path | str) -> str:
+def guess_columns(path: Path | str, asked: Sequence[Asked] = ()) -> str:
     """The text of a first `columns.toml` for a log or a folder of logs.
 
-    Files of a folder that have the same columns are recordings of one kind: each column is listed
-    once. Raises UnusableInput for a file that cannot be read, or that holds no numbers.
+    Columns that are what is `asked` for get its name and role. Files of a folder that have the same
+    columns are recordings of one kind: each column is listed once. Raises UnusableInput for a file
+    that cannot be read, or that holds no numbers.
     """
     path = Path(path)
     if is_log(path):
         form = seen_form(path)
-        return _text(path, [("", open_log(path, form))], form)
+        return _text(path, [("", open_log(path, form))], form, asked)
     files = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     form = _form_of(files)
     logs = []
@@ -106,9 +116,9 @@ def guess_columns(path: Path | str) -> str:
         raise UnusableInput(f"{path}: contains no log in a known format; give one log file.")
     kinds = _by_layout(logs)
     if len(kinds) == 1 and len(logs) > 1:
-        return _text(path, [("", logs[0][1])], form, _of_one_kind(path, logs))
+        return _text(path, [("", logs[0][1])], form, asked, _of_one_kind(path, logs))
     said = [line for kind in kinds if len(kind) > 1 for line in _on_likes(kind)]
-    return _text(path, [kind[0] for kind in kinds], form, said)
+    return _text(path, [kind[0] for kind in kinds], form, asked, said)
 
 
 def _by_layout(logs: Sequence[_Named]) -> list[list[_Named]]:
@@ -149,7 +159,13 @@ def _form_of(files: Sequence[Path]) -> Delimited:
     return plain
 
 
-def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[str] = ()) -> str:
+def _text(
+    path: Path,
+    logs: Sequence[_Named],
+    form: Delimited,
+    asked: Sequence[Asked],
+    said: Sequence[str] = (),
+) -> str:
     files = [_seen(name, log) for name, log in logs]
     first = next((file for file in files if file.fields), files[0])
     timing, resampling = first.timing, tuple[str, ...]()
@@ -165,8 +181,7 @@ def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[st
     head = [
         f"# What the columns of {path.absolute().name} mean, as far as it can be seen. Lines with "
         "a question",
-        "# mark are guesses. Give the columns that you need a role: input, output, observation or",
-        '# force, or several as in ["input", "observation"]. All others are left out.',
+        *(_TO_DO_ASKED if asked else _TO_DO),
         *said,
         "version = 1",
         "",
@@ -183,11 +198,34 @@ def _text(path: Path, logs: Sequence[_Named], form: Delimited, said: Sequence[st
             f"{k} = {toml(v)}".replace("\t", r"\t") + doubts.get(k, "") for k, v in stated.items()
         )
         head += ["", "[csv]", *written]
-    taken: set[str] = set()
-    entries = [line for file in files for line in _entries(file, timing, taken)]
+    matches = matched(asked, _units_of(files)) if asked else {}
+    taken = {each.name for each in asked}
+    entries = [line for file in files for line in _entries(file, timing, taken, matches)]
     if not any(line.startswith("[columns.") for line in entries):
         raise _without_numbers(path, files)
+    entries += _not_found(asked, matches)
     return "\n".join([*head, *entries]) + "\n"
+
+
+def _units_of(files: Sequence[_File]) -> dict[tuple[str, str], str | None]:
+    """The units of all columns that are listed, None where a log does not say one."""
+    found: dict[tuple[str, str], str | None] = {}
+    for file in files:
+        same = _never_changing(file)
+        for field in file.fields:
+            if field.name not in same and len(_there(file, field)):
+                found[file.name, field.name], _ = _unit(field)
+    return found
+
+
+def _not_found(asked: Sequence[Asked], matches: Mapping[tuple[str, str], Match]) -> Iterator[str]:
+    """What a system asks for and no column is like, as comments."""
+    found = {match.asked for match in matches.values()}
+    for each in asked:
+        if each not in found:
+            yield ""
+            yield f"# Not found: {each.name}, an {each.role} in {plain_line(each.unit)}. Call a"
+            yield f'# column above [columns.{each.name}], and give it role = "{each.role}".'
 
 
 def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
@@ -226,16 +264,17 @@ def _numeric(log: Log) -> list[Field]:
 # --- the columns
 
 
-def _entries(file: _File, base: Timing, taken: set[str]) -> Iterator[str]:
+def _entries(
+    file: _File, base: Timing, taken: set[str], matches: Mapping[tuple[str, str], Match]
+) -> Iterator[str]:
     if len(file.fields) > MOST_COLUMNS:
         yield f"\n# {len(file.fields) - MOST_COLUMNS} more columns are not listed."
     same = _never_changing(file)
     yield from _not_listed(file, same)
     for field in file.fields:
-        seen = file.values.get(field.name)
-        if seen is None or len(seen) < 2 or field.name in same:
-            continue
-        yield from _entry(file, base, field, seen, taken)
+        if field.name not in same:
+            match = matches.get((file.name, field.name))
+            yield from _entry(file, base, field, taken, match)
     for quaternion in quaternions_in(file.values):
         yield from _entry_of_yaw(file, base, quaternion, taken)
 
@@ -285,25 +324,36 @@ def _all_values(log: Log, fields: Sequence[Field]) -> dict[str, Values]:
 
 
 def _entry(
-    file: _File, base: Timing, field: Field, values: Values, taken: set[str]
+    file: _File, base: Timing, field: Field, taken: set[str], match: Match | None
 ) -> Iterator[str]:
-    numbers = as_floats(values) if values.dtype.kind in "fiub" else np.empty(0)
-    there = numbers[np.isfinite(numbers)]
+    there = _there(file, field)
     if not len(there):
         return
     unit, remark = _unit(field)
     yield ""
-    name = _name(field.name, taken)
+    name = match.asked.name if match else _name(field.name, taken)
     yield f"[columns.{name}]  # {_range(there)}"
-    yield f"column = {toml(field.name)}"
+    yield f"column = {toml(field.name)}" + (f"  # ? {match.seen}" if match else "")
     yield from _place(file, base, field.name)
-    yield 'role = "unused"'
+    yield f'role = "{match.asked.role if match else "unused"}"'
+    if unit is None and match:
+        remark += "; taken as the system has it"
+    unit = unit or (match.asked.unit if match else "1")
     yield f"unit = {toml(unit)}{remark}"
     named = contradicted(name, si_unit(unit))
-    if named is not None and same_unit(named, unit):
+    if not match and named is not None and same_unit(named, unit):
         yield f"to = {toml(unit)}  # as its name says"
-    if len(there) < len(numbers):
+    if len(there) < len(file.values[field.name]):
         yield from _missing(file, field.name)
+
+
+def _there(file: _File, field: Field) -> Vector:
+    """The numbers of a column; none where it cannot be listed."""
+    values = file.values.get(field.name)
+    if values is None or len(values) < 2 or values.dtype.kind not in "fiub":
+        return np.empty(0)
+    numbers = as_floats(values)
+    return numbers[np.isfinite(numbers)]
 
 
 def _entry_of_yaw(file: _File, base: Timing, found: Quaternion, taken: set[str]) -> Iterator[str]:
@@ -383,10 +433,10 @@ def _range(there: Vector) -> str:
     return f"always {low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
 
 
-def _unit(field: Field) -> tuple[str, str]:
-    """A unit, and a remark on where it is from."""
+def _unit(field: Field) -> tuple[str | None, str]:
+    """A unit, None where the log does not say a known one, and a remark on where it is from."""
     if field.remark:
-        return "1", f"  # {field.remark}"
+        return None, f"  # {field.remark}"
     if field.unit is not None:
         is_gravity = field.unit == "g" and re.match(r"a(cc|x|y|z)", field.name, re.I)
         if is_gravity:
@@ -397,11 +447,11 @@ def _unit(field: Field) -> tuple[str, str]:
             si_unit(field.unit)
             return field.unit, ""
         except ValueError:
-            return "1", f"  # ? the log says {plain_line(field.unit)}, which is not known"
+            return None, f"  # ? the log says {plain_line(field.unit)}, which is not known"
     for pattern, unit in _UNITS_BY_NAME:
         if re.search(pattern, field.name.lower()):
             return unit, "  # ? by its name"
-    return "1", "  # ? the log does not say"
+    return None, "  # ? the log does not say"
 
 
 def _name(address: str, taken: set[str]) -> str:

@@ -54,7 +54,7 @@ def read_plain(path: Path, system: System) -> Recording:
     Raises UnusableInput for any other file; a `columns.toml` can say what that holds.
     """
     if path.is_dir():
-        raise UnusableInput(f"{path} is a folder, not a CSV file; {_by_columns(path)}")
+        raise UnusableInput(f"{path} is a folder, not a CSV file; {_by_columns(path, system)}")
     try:
         with path.open(encoding="utf-8") as file:
             names = [n.strip().strip('"') for n in file.readline().split(",")]
@@ -64,10 +64,12 @@ def read_plain(path: Path, system: System) -> Recording:
     except OSError as error:
         raise UnusableInput(f"{path}: {one_line(error)}; give a log that can be read.") from error
     except ValueError as error:  # UnicodeDecodeError is one
-        raise UnusableInput(f"{path} is no CSV file of numbers; {_by_columns(path)}") from error
+        raise UnusableInput(
+            f"{path} is no CSV file of numbers; {_by_columns(path, system)}"
+        ) from error
     if "time_s" not in names or table.shape[1:] != (len(names),):
         raise UnusableInput(
-            f"{path}: no CSV with a time_s among {len(names)} columns; {_by_columns(path)}"
+            f"{path}: no CSV with a time_s among {len(names)} columns; {_by_columns(path, system)}"
         )
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
@@ -139,8 +141,18 @@ def _systems(module: ModuleType) -> dict[str, type[System]]:
     }
 
 
-def _by_columns(path: Path) -> str:
+def _by_columns(path: Path, system: System) -> str:
     return (
-        f"say by --columns what it holds, and begin it with: wakedeploy data import table {path} "
-        "--guess --columns columns.toml"
+        "say by --columns what it holds, and begin it with: wakedeploy data import table "
+        f"{shlex.quote(str(path))} --guess{_by_system(system)} --columns columns.toml"
     )
+
+
+def _by_system(system: System) -> str:
+    """The option that names a system's file; nothing where it has none, as in a notebook."""
+    name = type(system).__module__
+    origin = getattr(sys.modules.get(name), "__file__", None)
+    if origin is None or name.partition(".")[0] == "wakedeploy":
+        return ""
+    file, here = Path(origin), Path.cwd()
+    return f" --system {shlex.quote(str(file.relative_to(here) if here in file.parents else file))}"
