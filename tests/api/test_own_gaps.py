@@ -241,6 +241,18 @@ def test_another_form_of_the_system_leaves_nothing_of_the_answer_before(
     assert left == ["find.json", "notes.txt"]
 
 
+def test_what_a_system_says_of_its_logs_is_said_before_a_search(
+    place: Path, tmp_path: Path
+) -> None:
+    """A model whose bodies touch where logs have been is asked in vain, after minutes."""
+    notes = '\n    def log_notes(self, outputs):\n        return ["it hits its stop"]\n'
+    (tmp_path / "slider.py").write_text(SLIDER + notes)
+    words = ["--system", str(tmp_path / "slider.py"), "--measured", str(place / "log.csv")]
+    told = CliRunner().invoke(main, ["gap", "find", *words, "--out", str(tmp_path / "gap")])
+    assert told.exit_code == 0, told.output
+    assert "it hits its stop" in told.stderr
+
+
 @pytest.mark.slow
 def test_logs_in_other_units_are_read_by_a_columns_file(place: Path, tmp_path: Path) -> None:
     """A folder of a log, too: as `gap check` takes it, every step does."""

@@ -29,7 +29,7 @@ from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.own_system import System
-from wakedeploy.gap.systems.sensitivity import cut_outputs, hung_outputs
+from wakedeploy.gap.systems.sensitivity import cut_outputs, hung_outputs, own_notes
 from wakedeploy.gap.systems.wrapped_angles import going_on, jumps
 from wakedeploy.gap.workflow import run
 
@@ -145,7 +145,12 @@ def take(
         folder = OwnFolder(model, out, progress, only)
         if not folder.is_found:
             progress("looking at the columns")
-            for note in (*misread(model), *cut_outputs(model), *hung_outputs(model)):
+            for note in (
+                *misread(model),
+                *cut_outputs(model),
+                *hung_outputs(model),
+                *own_notes(model),
+            ):
                 warn(note)
         artefact = run(folder, step)
         if not isinstance(artefact, Result):

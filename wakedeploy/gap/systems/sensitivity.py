@@ -25,7 +25,7 @@ from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
-from wakedeploy.gap.systems.system import Input, StateSpace
+from wakedeploy.gap.systems.system import Input
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
 from wakedeploy.gap.wording import counted, listed, minus
 
@@ -131,10 +131,19 @@ def column_notes(model: LogModel) -> list[str]:
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
-    notes += hung_outputs(model)
+    return [*notes, *hung_outputs(model), *own_notes(model)]
+
+
+def own_notes(model: LogModel) -> list[str]:
+    """What a system itself says of its logs: its `log_notes`, as for a contact of bodies."""
     names = [output.name for output in model.system.outputs]
-    columns = np.concatenate([log.outputs for log in logs], axis=1)
-    return notes + _own_notes(model.system, dict(zip(names, columns, strict=True)))
+    columns = np.concatenate([log.outputs for log in model.logs], axis=1)
+    where = f"{model.system.name}.log_notes"
+    outputs = dict(zip(names, columns, strict=True))
+    notes = attempted(where, model.system.log_notes, outputs)
+    if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+        raise UnusableInput(f"{where}: returned {notes!r:.60}; return a list of sentences.")
+    return notes
 
 
 def cut_outputs(model: LogModel) -> list[str]:
@@ -221,15 +230,6 @@ def _curves(model: LogModel) -> list[str]:
         "an input of its own, Input(…, law=…)."
         for name, states in model.curves.items()
     ]
-
-
-def _own_notes(system: StateSpace, outputs: dict[str, FloatArray]) -> list[str]:
-    """What a system itself says of its logs."""
-    where = f"{system.name}.log_notes"
-    notes = attempted(where, system.log_notes, outputs)
-    if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
-        raise UnusableInput(f"{where}: returned {notes!r:.60}; return a list of sentences.")
-    return notes
 
 
 def step_notes(model: LogModel, base: Fit) -> list[str]:

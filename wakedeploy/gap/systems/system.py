@@ -334,9 +334,10 @@ class StateSpace:
         return np.asarray(given[stated.name], dtype=float)
 
     def log_notes(self, outputs: Mapping[str, FloatArray]) -> list[str]:
-        """Sentences for `gap check` about what logs show of this system; none unless overridden.
+        """Sentences about what logs show of this system; none unless overridden.
 
-        `outputs` (N,) by name are all samples of all logs, NaN where nothing was measured.
+        `gap check` says them, and every search before it begins. `outputs` (N,) by name are all
+        samples of all logs, NaN where nothing was measured.
         """
         return []
 
