@@ -241,6 +241,13 @@ def test_another_form_of_the_system_leaves_nothing_of_the_answer_before(
     assert left == ["find.json", "notes.txt"]
 
 
+def test_the_columns_of_a_system_are_found_in_a_log(place: Path) -> None:
+    text = wd.guess_columns(place / "log.csv", place / "slider.py")
+    assert text == wd.guess_columns(place / "log.csv", _kind(place))
+    assert "[columns.force_n]" in text
+    assert [text.count(f'role = "{role}"') for role in ("input", "output", "unused")] == [1, 1, 0]
+
+
 def test_what_a_system_says_of_its_logs_is_said_before_a_search(
     place: Path, tmp_path: Path
 ) -> None:

@@ -323,7 +323,7 @@ def test_a_name_that_no_column_is_like_is_said(folder, foreign, tmp_path):
     words = ["import", "table", log, "--guess", "--system", folder / "my_robot.py"]
     ended = CliRunner().invoke(data_command, [*map(str, words), "--columns", str(tmp_path / "c")])
     assert ended.exit_code == 0, ended.output
-    assert "give a column the name position_m and a role, as none was found" in ended.output
+    assert "No column was found for position_m: name them by hand." in ended.output
 
 
 def test_a_system_goes_with_a_guess_alone(folder, foreign):
@@ -337,7 +337,8 @@ def test_a_folder_is_told_of_its_columns_file(folder, tmp_path):
     words = ["check", str(folder / "my_robot.py"), "--measured", str(tmp_path)]
     told = str(CliRunner().invoke(command, words).exception)
     assert told.startswith(f"{tmp_path} is a folder, not a CSV file; say by --columns what it hold")
-    assert f"wakedeploy data import table {tmp_path} --guess --system {folder}" in told
+    system = folder / "my_robot.py"
+    assert f"data import table {tmp_path} --guess --system {system} --columns columns.toml" in told
 
 
 def test_a_column_without_the_systems_name_says_where_to_name_it(folder, foreign, tmp_path):

@@ -76,8 +76,9 @@ def guess_columns(log: PathLike, system: "SystemLike | None" = None) -> str:
 
     Args:
         log: A log, or a folder of files that belong together.
-        system: What the log is of. Columns that are like one of its inputs and outputs, and like no
-            other, get its name and role.
+        system: What the log is of. A column that is called as one of its inputs or outputs, or is
+            the only one in such a unit, gets its name, its role, and its unit where the log says
+            none.
 
     Returns:
         The text of the file, in which a person gives some columns a role, or looks at what they

@@ -1,6 +1,5 @@
 """`wakedeploy data`: make, import and describe episode sets."""
 
-import re
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -210,7 +209,7 @@ def import_() -> None:
     "--system",
     "system_path",
     type=click.Path(path_type=Path),
-    help="With --guess: a Python file with the system whose inputs and outputs they are.",
+    help="With --guess: FILE.py, or FILE.py:CLASS, with the system whose columns they are.",
 )
 @json_option
 def import_table(
@@ -233,7 +232,7 @@ def import_table(
         wakedeploy data import table axis*.csv --columns columns.toml --out sets/axis
     """
     if guess:
-        _guess(files[0], columns_path, system_path)
+        _guess(files, columns_path, system_path)
         return
     if system_path is not None:
         raise click.UsageError("Give --system only with --guess.")
@@ -269,12 +268,12 @@ def _require_apart(out: Path, files: tuple[Path, ...]) -> None:
         )
 
 
-def _guess(log: Path, columns_path: Path, system_path: Path | None) -> None:
+def _guess(files: tuple[Path, ...], columns_path: Path, system_path: Path | None) -> None:
     """Write a first columns.toml, never over another one."""
     from wakedeploy.api.logs import guess_columns
     from wakedeploy.core.files import begun
 
-    text = guess_columns(log, system_path)
+    text = guess_columns(files[0], system_path)
     try:
         with begun(columns_path) as path:
             path.write_text(text, "utf-8")
@@ -287,11 +286,25 @@ def _guess(log: Path, columns_path: Path, system_path: Path | None) -> None:
             f"Wrote {columns_path}. Give the columns that you need a role; for `gap`, also the "
             "names of your system, in [columns.NAME]."
         )
-        return
-    lacking = " and ".join(re.findall(r"^# Not found: (\w+)", text, re.M))
-    by_hand = f"; give a column the name {lacking} and a role, as none was found" if lacking else ""
-    log_path, columns = shlex.quote(str(log)), shlex.quote(str(columns_path))
-    click.echo(
-        f"Wrote {columns_path}. Look at the lines with a question mark{by_hand}. Then: wakedeploy "
-        f"gap check {shlex.quote(str(system_path))} --measured {log_path} --columns {columns}"
+    else:
+        click.echo(f"Wrote {columns_path}. {_after_guess(text, files, columns_path, system_path)}")
+
+
+def _after_guess(text: str, files: tuple[Path, ...], columns_path: Path, system_path: Path) -> str:
+    """What to do with a first columns.toml of a system's logs."""
+    from wakedeploy.api.systems import asked_of_logs, system_of
+    from wakedeploy.domains.tables.columns import parse_columns
+    from wakedeploy.gap.wording import listed
+
+    named = parse_columns(text).columns
+    lacking = [
+        each.name for each in asked_of_logs(system_of(system_path)) if each.name not in named
+    ]
+    by_hand = f" No column was found for {listed(lacking)}: name them by hand." if lacking else ""
+    # Of a folder it is left open whether it is one log or several.
+    logs = ["LOG"] if files[0].is_dir() else [shlex.quote(str(file)) for file in files]
+    return (
+        f"Look at the lines with a question mark.{by_hand} Then: wakedeploy gap check "
+        f"{shlex.quote(str(system_path))} --measured {' '.join(logs)} "
+        f"--columns {shlex.quote(str(columns_path))}"
     )

@@ -21,7 +21,7 @@ SPEED = Asked("speed_radps", "output", "rad/s")
 def found(asked: list[Asked], columns: dict[str, str | None]) -> dict[str, str]:
     """Names of columns by the names of what they were taken for."""
     places = {("", name): unit for name, unit in columns.items()}
-    return {match.asked.name: name for (_, name), match in matched(asked, places).items()}
+    return {match.asked.name: name for (_, name), match in matched(asked, places).found.items()}
 
 
 @pytest.mark.parametrize(
@@ -35,6 +35,12 @@ def found(asked: list[Asked], columns: dict[str, str | None]) -> dict[str, str]:
         (ANGLE, "LeftHipPitch1 [deg]", "deg"),
         (PLACE, "encoder_mm", "mm"),
         (Asked("position_m", "output", "m"), "pos", None),
+        (Asked("q_1_rad", "output", "rad"), "/joints/q[1]", None),
+        (Asked("motor_command", "input", "rad"), "motor", None),
+        (Asked("shoulder_rad", "output", "rad"), "/joint_states/shoulder.position", None),
+        (Asked("oven_c", "output", "°C"), "Oven (°C)", "°C"),
+        (Asked("oven_k", "output", "K"), "oven", "°C"),
+        (Asked("größe_v", "input", "V"), "Größe", None),
         (SPEED, "gyro", "deg/s"),
     ],
 )
@@ -51,23 +57,52 @@ def test_a_column_is_known_by_its_name_or_its_unit(asked: Asked, column: str, un
         (PLACE, {"x": None, "y": None}),
         (Asked("share", "input", "1"), {"load": "%"}),
         (PLACE, {}),
+        (PLACE, {"cart_ref": None}),
+        (PLACE, {"cart_error_mm": "mm"}),
+        (PLACE, {"cart_speed": None}),
+        (Asked("theta_rad", "output", "rad"), {"theta_dot": None}),
+        (Asked("joint_1_rad", "output", "rad"), {"joint_2": None}),
+        (Asked("q_1_rad", "output", "rad"), {"q[0]": None}),
+        (Asked("left_wheel_radps", "output", "rad/s"), {"right_wheel": None}),
+        (VOLTAGE, {"motor_enabled": None}),
+        (VOLTAGE, {"left_motor": None, "right_motor_v": "V"}),
+        (Asked("motor_command", "input", "rad"), {"motor_position": None}),
+        (Asked("rate_radps", "output", "rad/s"), {"temperature_rate": None}),
     ],
 )
 def test_what_could_be_two_or_has_another_quantity_is_neither(asked: Asked, columns) -> None:
     assert found([asked], columns) == {}
 
 
-def test_names_come_before_units_and_the_likest_first() -> None:
-    cart, load = PLACE, Asked("load_m", "output", "m")
-    columns = {"cart_ref_m": "m", "cart_m": "m", "hook": "m", "hook_mps": "m/s"}
-    assert found([load, cart], columns) == {"cart_m": "cart_m"}
-    del columns["cart_ref_m"]
-    assert found([load, cart], columns) == {"cart_m": "cart_m", "load_m": "hook"}
+def test_the_same_name_comes_first_and_a_unit_last() -> None:
+    load = Asked("load_m", "output", "m")
+    columns = {"cart": None, "cart_m": "m", "hook_mps": "m/s"}
+    assert found([load, PLACE], columns) == {"cart_m": "cart_m"}
+    assert found([PLACE], {"cart": "m", "height": "m"}) == {"cart_m": "cart"}
+    assert found([load, PLACE], {"cart": "m", "hook": "m"}) == {"cart_m": "cart"}  # hook, perhaps
+
+
+def test_two_that_one_column_could_be_have_none() -> None:
+    current = Asked("motor_a", "output", "A")
+    assert found([VOLTAGE, current], {"motor": None}) == {}
+    assert found([VOLTAGE, current], {"motor": "A"}) == {"motor_a": "motor"}
+
+
+def test_what_cannot_be_read_is_replaced_by_no_other() -> None:
+    places = {("", "cart"): "m"}
+    assert matched([PLACE], places, ["cart_m"]).found == {}
+
+
+WORDS = st.lists(st.sampled_from(["cart", "pos", "ref", "1", "2", "[0]", "m"]), min_size=1).map(
+    "_".join
+)
 
 
 @given(
-    st.lists(st.sampled_from("abcdef"), unique=True),
-    st.dictionaries(st.text(max_size=8), st.sampled_from([None, "m", "mm", "V"]), max_size=6),
+    st.lists(st.sampled_from(["cart", "cart_1", "cart_2", "pos", "cart_pos"]), unique=True),
+    st.dictionaries(
+        WORDS | st.text(max_size=8), st.sampled_from([None, "m", "mm", "V"]), max_size=6
+    ),
 )
 def test_nothing_is_found_twice_and_the_order_does_not_matter(names, columns) -> None:
     asked = [Asked(f"{name}_m", "output", "m") for name in names]
@@ -87,8 +122,8 @@ def test_what_is_written_is_read_in_the_systems_names_and_units(tmp_path: Path) 
     path = log(tmp_path / "log.csv", "t,motor,encoder_mm,note")
     text = guess_columns(path, [VOLTAGE, PLACE, SPEED])
     assert 'unit = "V"  # ? the log does not say; taken as the system has it' in text
-    assert 'column = "encoder_mm"  # ? the only one left in such a unit' in text
-    assert "# Not found: speed_radps, an output in rad/s." in text
+    assert 'column = "encoder_mm"  # ? the only one in such a unit' in text
+    assert "# Not found: speed_radps [rad/s]; none is like it." in text
     (one,) = read_recordings([path], parse_columns(text), {"cart_m": "m"}).recordings
     assert set(one.columns) == {"motor_v", "cart_m"}
     assert one.columns["cart_m"] == pytest.approx(np.cos(np.arange(500) / 100.0), abs=1e-4)
@@ -99,4 +134,57 @@ def test_no_other_column_takes_a_name_that_is_asked_for(tmp_path: Path) -> None:
     path = log(tmp_path / "log.csv", "t,motor (V),cart_m (V),note")
     text = guess_columns(path, [VOLTAGE, PLACE])
     assert "[columns.cart_m_2]" in text
-    assert "# Not found: cart_m, an output in m." in text
+    assert "# Not found: cart_m [m]; none is like it." in text
+
+
+def test_a_celsius_is_read_by_a_system_in_celsius(tmp_path: Path) -> None:
+    asked = [VOLTAGE, Asked("oven_c", "output", "°C")]
+    for header in ("t,motor (V),oven (°C),note", "t,motor (V),oven,note"):
+        text = guess_columns(log(tmp_path / "log.csv", header), asked)
+        read = read_recordings([tmp_path / "log.csv"], parse_columns(text), {"oven_c": "°C"})
+        oven = read.recordings[0].columns["oven_c"]
+        assert oven == pytest.approx(1e3 * np.cos(np.arange(500) / 100.0), abs=1e-2)
+
+
+def test_a_name_that_a_columns_file_cannot_have_is_said(tmp_path: Path) -> None:
+    path = log(tmp_path / "log.csv", "t,größe,encoder_mm,note")
+    text = guess_columns(path, [Asked("größe_v", "input", "V"), PLACE])
+    assert "größe_v [V]; a column's name has letters from A to Z alone: rename it" in text
+    assert "cart_m" in parse_columns(text).columns
+
+
+def test_a_unit_that_nobody_knows_is_not_the_systems(tmp_path: Path) -> None:
+    text = guess_columns(log(tmp_path / "log.csv", "t,motor (V),cart (furlong),note"), [PLACE])
+    assert "the log says furlong, which is not known\n" in text
+    assert "# Not found: cart_m" in text
+
+
+def test_what_is_asked_for_is_listed_among_many(tmp_path: Path) -> None:
+    names = [f"n{i:03d}" for i in range(450)]
+    rows = np.random.default_rng(1).standard_normal((20, 450))
+    rows = np.column_stack([np.arange(20) / 10.0, rows, rows[:, :2]])
+    header = ",".join(["t", *names, "motor_v", "cart_m"])
+    np.savetxt(tmp_path / "log.csv", rows, "%.5f", ",", header=header, comments="")
+    text = guess_columns(tmp_path / "log.csv", [VOLTAGE, PLACE])
+    assert "# Not found" not in text
+    assert {"motor_v", "cart_m"} < set(parse_columns(text).columns)
+
+
+def test_parts_of_a_recording_that_both_have_a_column_are_told(tmp_path: Path) -> None:
+    folder = tmp_path / "fold"
+    folder.mkdir()
+    log(folder / "cmd.csv", "t,motor_v,load,note")
+    log(folder / "state.csv", "t,motor_v,cart_mm,other")
+    text = guess_columns(folder, [VOLTAGE, PLACE])
+    assert "it could be motor_v of cmd.csv or motor_v of state.csv" in " ".join(text.split("\n# "))
+    assert 'column = "cart_mm"  # ? by its name' in text
+
+
+def test_the_heading_of_a_quaternion_may_be_asked_for(tmp_path: Path) -> None:
+    half = 0.5 * np.linspace(0.0, 3.0, 100)
+    zero = np.zeros(100)
+    rows = np.column_stack([np.arange(100) / 50.0, zero, zero, np.sin(half), np.cos(half)])
+    np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header="t,q_x,q_y,q_z,q_w", comments="")
+    text = guess_columns(tmp_path / "log.csv", [Asked("q_yaw_rad", "output", "rad")])
+    (read,) = read_recordings([tmp_path / "log.csv"], parse_columns(text)).recordings
+    assert read.columns["q_yaw_rad"] == pytest.approx(2.0 * half, abs=1e-3)

@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import SHOWN_ALONE, contradicted, same_unit, si_unit
 from wakedeploy.domains.tables.columns import Delimited
-from wakedeploy.domains.tables.guess_asked import Asked, Match, matched
+from wakedeploy.domains.tables.guess_asked import (
+    NOTHING_ASKED,
+    SAME,
+    Asked,
+    Match,
+    Matches,
+    Place,
+    matched,
+    may_be,
+)
 from wakedeploy.domains.tables.guess_clock import (
     MOST_COLUMNS,
     Timing,
@@ -46,8 +55,8 @@ _TO_DO = (
     '# force, or several as in ["input", "observation"]. All others are left out.',
 )
 _TO_DO_ASKED = (
-    "# mark are guesses: look at each. Columns that are taken for an input or an output of the",
-    "# system have its name; all others are left out.",
+    "# mark are guesses: look at each. A column that was taken for an input or an output of the",
+    "# system has its name and a role. Others are left out, until you give them a role as well.",
 )
 _MANY_ROWS, _MOST = 5000, 0.9  # that are looked at; a share that is nearly all
 _UNITS_BY_NAME = (  # the end of a name, or a word in it
@@ -166,7 +175,7 @@ def _text(
     asked: Sequence[Asked],
     said: Sequence[str] = (),
 ) -> str:
-    files = [_seen(name, log) for name, log in logs]
+    files = [_seen(name, log, asked) for name, log in logs]
     first = next((file for file in files if file.fields), files[0])
     timing, resampling = first.timing, tuple[str, ...]()
     if first.has_own_clock:
@@ -198,34 +207,52 @@ def _text(
             f"{k} = {toml(v)}".replace("\t", r"\t") + doubts.get(k, "") for k, v in stated.items()
         )
         head += ["", "[csv]", *written]
-    matches = matched(asked, _units_of(files)) if asked else {}
+    matches = _matches(asked, files) if asked else NOTHING_ASKED
     taken = {each.name for each in asked}
-    entries = [line for file in files for line in _entries(file, timing, taken, matches)]
+    entries = [line for file in files for line in _entries(file, timing, taken, matches.found)]
     if not any(line.startswith("[columns.") for line in entries):
         raise _without_numbers(path, files)
     entries += _not_found(asked, matches)
     return "\n".join([*head, *entries]) + "\n"
 
 
-def _units_of(files: Sequence[_File]) -> dict[tuple[str, str], str | None]:
-    """The units of all columns that are listed, None where a log does not say one."""
-    found: dict[tuple[str, str], str | None] = {}
+def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
+    """Which of the columns that are listed are asked for."""
+    units: dict[Place, str | None] = {}
     for file in files:
-        same = _never_changing(file)
-        for field in file.fields:
-            if field.name not in same and len(_there(file, field)):
-                found[file.name, field.name], _ = _unit(field)
-    return found
+        for field in _listed(file):
+            unit, _ = _unit(field)
+            is_unknown = unit is None and field.unit is not None
+            if not is_unknown:
+                units[file.name, field.name] = field.unit if field.unit in SHOWN_ALONE else unit
+        units |= {(file.name, _yaw_of(found)): "rad" for found in quaternions_in(file.values)}
+    left_out = [name for file in files for name in file.left_out]
+    return matched([each for each in asked if _is_key(each.name)], units, left_out)
 
 
-def _not_found(asked: Sequence[Asked], matches: Mapping[tuple[str, str], Match]) -> Iterator[str]:
-    """What a system asks for and no column is like, as comments."""
-    found = {match.asked for match in matches.values()}
+def _not_found(asked: Sequence[Asked], matches: Matches) -> Iterator[str]:
+    """What a system asks for and no column is for certain, as comments."""
+    found = {match.asked for match in matches.found.values()}
     for each in asked:
         if each not in found:
+            said = f"Not found: {plain_line(each.name)} [{plain_line(each.unit)}]; "
+            said += _on_lacking(each, matches.undecided.get(each, ()))
             yield ""
-            yield f"# Not found: {each.name}, an {each.role} in {plain_line(each.unit)}. Call a"
-            yield f'# column above [columns.{each.name}], and give it role = "{each.role}".'
+            yield textwrap.fill(said, 96, initial_indent="# ", subsequent_indent="# ",
+                                break_on_hyphens=False, break_long_words=False)  # fmt: skip
+
+
+def _on_lacking(each: Asked, undecided: Sequence[Place]) -> str:
+    if not _is_key(each.name):
+        return "a column's name has letters from A to Z alone: rename it in the system."
+    places = [plain_line(f"{name} of {file}" if file else name) for file, name in undecided]
+    why = f"it could be {' or '.join(places)}" if places else "none is like it"
+    return f'{why}. Name its column [columns.{each.name}], with role = "{each.role}".'
+
+
+def _is_key(name: str) -> bool:
+    """Whether `columns.toml` takes a name."""
+    return re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,63}", name) is not None
 
 
 def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
@@ -242,9 +269,11 @@ def _differs(one: Timing, other: Timing) -> bool:
     return not np.array_equal(one.stamps_s, other.stamps_s)
 
 
-def _seen(name: str, log: Log) -> _File:
+def _seen(name: str, log: Log, asked: Sequence[Asked]) -> _File:
     """A log with its clock, and the numbers of the columns that are listed."""
     fields = _numeric(log)
+    if len(fields) > MOST_COLUMNS:  # what is asked for is among those that are listed
+        fields.sort(key=lambda field: not any(may_be(each, field.name) for each in asked))
     has_own_clock = any(log.clock_of(field.name) for field in fields)
     timing = Timing(()) if has_own_clock else timing_of(log, log.fields())
     listed = [field for field in fields[:MOST_COLUMNS] if field.name != timing.column]
@@ -265,18 +294,22 @@ def _numeric(log: Log) -> list[Field]:
 
 
 def _entries(
-    file: _File, base: Timing, taken: set[str], matches: Mapping[tuple[str, str], Match]
+    file: _File, base: Timing, taken: set[str], found: Mapping[Place, Match]
 ) -> Iterator[str]:
     if len(file.fields) > MOST_COLUMNS:
         yield f"\n# {len(file.fields) - MOST_COLUMNS} more columns are not listed."
-    same = _never_changing(file)
-    yield from _not_listed(file, same)
-    for field in file.fields:
-        if field.name not in same:
-            match = matches.get((file.name, field.name))
-            yield from _entry(file, base, field, taken, match)
+    yield from _not_listed(file, _never_changing(file))
+    for field in _listed(file):
+        yield from _entry(file, base, field, taken, found.get((file.name, field.name)))
     for quaternion in quaternions_in(file.values):
-        yield from _entry_of_yaw(file, base, quaternion, taken)
+        match = found.get((file.name, _yaw_of(quaternion)))
+        yield from _entry_of_yaw(file, base, quaternion, taken, match)
+
+
+def _listed(file: _File) -> list[Field]:
+    """The columns that get an entry."""
+    same = _never_changing(file)
+    return [f for f in file.fields if f.name not in same and len(_there(file, f))]
 
 
 def _never_changing(file: _File) -> dict[str, float]:
@@ -327,22 +360,23 @@ def _entry(
     file: _File, base: Timing, field: Field, taken: set[str], match: Match | None
 ) -> Iterator[str]:
     there = _there(file, field)
-    if not len(there):
-        return
     unit, remark = _unit(field)
     yield ""
     name = match.asked.name if match else _name(field.name, taken)
     yield f"[columns.{name}]  # {_range(there)}"
-    yield f"column = {toml(field.name)}" + (f"  # ? {match.seen}" if match else "")
+    yield f"column = {toml(field.name)}{_seen_by(match)}"
     yield from _place(file, base, field.name)
     yield f'role = "{match.asked.role if match else "unused"}"'
+    if match and match.asked.unit in SHOWN_ALONE and field.unit in SHOWN_ALONE:
+        unit, remark = match.asked.unit, ""
     if unit is None and match:
-        remark += "; taken as the system has it"
-    unit = unit or (match.asked.unit if match else "1")
+        unit, remark = match.asked.unit, f"{remark}; taken as the system has it"
+    unit = unit or "1"
     yield f"unit = {toml(unit)}{remark}"
-    named = contradicted(name, si_unit(unit))
-    if not match and named is not None and same_unit(named, unit):
-        yield f"to = {toml(unit)}  # as its name says"
+    if match is None:
+        named = contradicted(name, si_unit(unit))
+        if named is not None and same_unit(named, unit):
+            yield f"to = {toml(unit)}  # as its name says"
     if len(there) < len(file.values[field.name]):
         yield from _missing(file, field.name)
 
@@ -356,14 +390,27 @@ def _there(file: _File, field: Field) -> Vector:
     return numbers[np.isfinite(numbers)]
 
 
-def _entry_of_yaw(file: _File, base: Timing, found: Quaternion, taken: set[str]) -> Iterator[str]:
+def _yaw_of(found: Quaternion) -> str:
+    """What the heading of a quaternion is called."""
+    return f"{found.stem}_yaw_rad"
+
+
+def _seen_by(match: Match | None) -> str:
+    """A mark where a column was taken for what is asked for by a guess."""
+    return f"  # ? {match.seen}" if match and match.seen != SAME else ""
+
+
+def _entry_of_yaw(
+    file: _File, base: Timing, found: Quaternion, taken: set[str], match: Match | None
+) -> Iterator[str]:
     """The heading of a quaternion, as it may be wanted."""
     yield ""
-    yield f"[columns.{_name(f'{found.stem}_yaw_rad', taken)}]"
+    name = match.asked.name if match else _name(_yaw_of(found), taken)
+    yield f"[columns.{name}]{_seen_by(match)}"
     yield f"quaternion = [{', '.join(map(toml, found.addresses))}]{found.remark}"
     yield 'angle = "yaw"  # or "pitch", "roll"'
     yield from _place(file, base, found.addresses[0])
-    yield 'role = "unused"'
+    yield f'role = "{match.asked.role if match else "unused"}"'
     numbers = as_floats(file.values[found.addresses[0]])
     if not np.isfinite(numbers).all():
         yield from _missing(file, found.addresses[0])

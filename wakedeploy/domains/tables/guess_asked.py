@@ -1,24 +1,38 @@
 """Which columns of a log are the inputs and outputs that a system asks for.
 
-In: what is asked for, and the columns of a log with their units. Out: pairs that agree in name, or
-in a unit that no other has. What could be two is neither.
+In: what is asked for, and the columns of a log with their units. Out: pairs that are called the
+same, or of which one is called by more words that say nothing new, or that are alone in a unit.
+What could be two is neither: a wrong column looks like a wrong model.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from wakedeploy.core.units import is_angular, same_dimension, unit_at_end
+from wakedeploy.core.units import SHOWN_ALONE, is_angular, same_dimension, unit_at_end
 
 Place = tuple[str, str]  # a file in a folder, "" for one that is alone, and a column's name there
 
-BY_NAME, BY_UNIT = "by its name", "the only one left in such a unit"
+SAME, BY_NAME, BY_UNIT = "", "by its name", "the only one in such a unit"
 
-_LIKE = 0.5  # of two names' words, from which on they may mean one thing; 1 where all are the same
-_SHORTEST, _CUT = 3, 0.9  # letters of a word that is cut short, and what it counts for
-_BRACKETS = re.compile(r"\s*[(\[][^()\[\]]*[)\]]\s*$")
+_CUT_SHORT = 3  # letters from which on a word may stand for a longer one, as pos for position
+_UNIT = re.compile(r"\s*[(\[][^()\[\]]*[^()\[\]\d][^()\[\]]*[)\]]\s*$")  # (deg), and not [0]
+_CELSIUS = ("degc", "celsius")
 _HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z][a-z])")  # motorVoltage, and not motor_mV
-_WORD = re.compile(r"[a-z]+|\d+")
+_WORD = re.compile(r"[^\W\d_]+|\d+")
+_QUANTITIES: Mapping[str, tuple[str, ...]] = {  # words that only say what a unit says, too
+    "voltage": ("V",), "current": ("A",), "torque": ("N m",), "effort": ("N m", "N"),
+    "force": ("N",), "thrust": ("N",), "power": ("W",), "pressure": ("Pa",),
+    "temperature": ("K", "°C"), "angle": ("rad",), "position": ("m", "rad"),
+    "height": ("m",), "distance": ("m",), "speed": ("m/s", "rad/s"), "rate": ("rad/s",),
+    "velocity": ("m/s", "rad/s"), "acceleration": ("m/s^2", "rad/s^2"),
+}  # fmt: skip
+_OF_ROLE = {
+    "input": {"command", "cmd", "input", "control", "ctrl"},
+    "output": {"measured", "meas", "actual", "output", "sensor", "encoder"},
+}
+_MEANT = {"command", "cmd", "ref", "reference", "setpoint", "sp", "target", "desired", "des",
+          "goal", "wanted", "error", "err"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -32,88 +46,133 @@ class Asked:
 
 @dataclass(frozen=True)
 class Match:
-    """What a column is of, and how that was seen: `BY_NAME` or `BY_UNIT`."""
+    """What a column is of, and how that was seen: `SAME`, `BY_NAME` or `BY_UNIT`."""
 
     asked: Asked
     seen: str
 
 
-def matched(asked: Sequence[Asked], columns: Mapping[Place, str | None]) -> dict[Place, Match]:
-    """The columns that are what is asked for; others are left out.
+@dataclass(frozen=True)
+class Matches:
+    """The columns that were found, and those between which something asked for could not choose."""
 
-    `columns` has each column's unit, None where the log does not say one. A column in another
-    dimension than what is asked for is none of it.
+    found: Mapping[Place, Match]
+    undecided: Mapping[Asked, Sequence[Place]]
+
+
+NOTHING_ASKED = Matches({}, {})
+
+
+def matched(
+    asked: Sequence[Asked], columns: Mapping[Place, str | None], left_out: Collection[str] = ()
+) -> Matches:
+    """The columns that are what is asked for.
+
+    `columns` has each column's unit, None where the log does not say one; one in another dimension
+    than what is asked for is none of it. `left_out` are the names of columns that cannot be read:
+    what is called so is no other column.
     """
     found: dict[Place, Match] = {}
-    for alike, seen in ((_names_alike, BY_NAME), (_units_alike, BY_UNIT)):
-        taken = {match.asked for match in found.values()}
-        left = [each for each in asked if each not in taken]
-        free = {place: unit for place, unit in columns.items() if place not in found}
-        found |= {place: Match(each, seen) for place, each in _paired(left, free, alike)}
-    return found
+    undecided: dict[Asked, Sequence[Place]] = {}
+    unread = {name.lower() for name in left_out}
+    wanted = [each for each in asked if each.name.lower() not in unread]
+    ranks = {(each, p): _rank(each, p[1], unit) for each in wanted for p, unit in columns.items()}
+    for rank in sorted({r for r in ranks.values() if r is not None}):
+        gone = {*undecided, *(m.asked for m in found.values())}
+        taken = {*found, *(place for places in undecided.values() for place in places)}
+        pairs = [
+            (each, place)
+            for (each, place), r in ranks.items()
+            if r == rank and each not in gone and place not in taken
+        ]
+        for each, place in pairs:
+            if sum(e == each or p == place for e, p in pairs) == 1:
+                found[place] = Match(each, SAME if rank == 0 else BY_NAME)
+            else:
+                undecided[each] = [p for e, p in pairs if e == each]
+    gone = {*undecided, *(m.asked for m in found.values())}
+    for each in wanted:
+        alone = _alone_in_unit(each, asked, columns)
+        if each not in gone and alone is not None and alone not in found:
+            found[alone] = Match(each, BY_UNIT)
+    return Matches(found, undecided)
 
 
-_Alike = Callable[[Asked, str, str | None], float]
+def may_be(asked: Asked, column: str) -> bool:
+    """Whether a column is asked for by its name, whatever its unit is."""
+    return _rank(asked, column, None) is not None
 
 
-def _paired(
-    asked: Sequence[Asked], columns: Mapping[Place, str | None], alike: _Alike
-) -> Iterator[tuple[Place, Asked]]:
-    """Pairs of which neither side is as much like anything else that is left, the likest first."""
-    likeness = {
-        (each, place): alike(each, place[1], unit)
-        for each in asked
-        for place, unit in columns.items()
-        if unit is None or _fits(unit, each.unit)
-    }
-    likeness = {pair: value for pair, value in likeness.items() if value > 0.0}
-    while likeness:
-        most = max(likeness.values())
-        best = [pair for pair, value in likeness.items() if value == most]
-        for each, place in best:
-            if sum(e == each or p == place for e, p in best) == 1:
-                yield place, each
-        done = {side for pair in best for side in pair}  # what could be two is neither
-        likeness = {pair: v for pair, v in likeness.items() if not done.intersection(pair)}
+def _rank(asked: Asked, column: str, unit: str | None) -> int | None:
+    """0 for the same name, then 1 and one for each word that only one of two names has.
+
+    None where such a word says something else, or where the units are of different quantities.
+    """
+    if unit is not None and not _fits(unit, asked.unit):
+        return None
+    names = {column, column.rpartition("/")[2]}
+    if asked.name in names:
+        return 0
+    apart = [_apart(_words(asked.name, asked.unit), _words(name, unit)) for name in names]
+    ranks = [
+        1 + len(words)
+        for words in apart
+        if words is not None and all(_says_nothing(word, asked) for word in words)
+    ]
+    return min(ranks, default=None)
 
 
-def _names_alike(asked: Asked, column: str, unit: str | None) -> float:
-    """The share of words that a name has in common with a column's, or with its last part."""
-    own = _words(asked.name)
-    share = max(_shared(own, _words(name)) for name in {column, column.rpartition("/")[2]})
-    return share if share >= _LIKE else 0.0
+def _apart(words: frozenset[str], others: frozenset[str]) -> frozenset[str] | None:
+    """The words that one of two names has more; None where none is in both, or each has more."""
+    own = {w for w in words if not any(_is_one(w, other) for other in others)}
+    foreign = {other for other in others if not any(_is_one(w, other) for w in words)}
+    is_apart = len(own) == len(words) or (own and foreign)
+    return None if is_apart else frozenset(own | foreign)
 
 
-def _shared(words: frozenset[str], others: frozenset[str]) -> float:
-    """The words that are in both, or begin one in the other, over half of all."""
-    if not words or not others:
-        return 0.0
-    alike = sum(max(_alike(word, other) for other in others) for word in words)
-    return 2.0 * alike / (len(words) + len(others))
-
-
-def _alike(word: str, other: str) -> float:
-    """1 for the same word, less for one that was cut short, as pos for position."""
-    if word == other:
-        return 1.0
+def _is_one(word: str, other: str) -> bool:
+    """Whether two words are the same, or one is the other cut short."""
     short, long = sorted((word, other), key=len)
-    return _CUT if len(short) >= _SHORTEST and long.startswith(short) else 0.0
+    return word == other or (len(short) >= _CUT_SHORT and long.startswith(short))
 
 
-def _units_alike(asked: Asked, column: str, unit: str | None) -> float:
-    """1 where the log says a unit and the system asks for one; of pure numbers all are alike."""
-    return float(unit is not None and not _fits(asked.unit, "1"))
+def _says_nothing(word: str, asked: Asked) -> bool:
+    """Whether a word says no more than a unit or a role says already."""
+    units = next((u for q, u in _QUANTITIES.items() if _is_one(word, q)), ())
+    return word in _OF_ROLE[asked.role] or any(_fits(unit, asked.unit) for unit in units)
+
+
+def _alone_in_unit(
+    each: Asked, asked: Sequence[Asked], columns: Mapping[Place, str | None]
+) -> Place | None:
+    """The only column in such a unit, where nothing else is asked for in one.
+
+    None where a column may be it whose unit the log does not say, by a word of its name.
+    """
+    if _fits(each.unit, "1") or sum(_fits(other.unit, each.unit) for other in asked) > 1:
+        return None
+    own = _words(each.name, each.unit)
+    if any(unit is None and own & _words(p[1], None) for p, unit in columns.items()):
+        return None
+    places = [p for p, unit in columns.items() if unit is not None and _fits(unit, each.unit)]
+    if len(places) != 1 or (each.role == "output" and _words(places[0][1], None) & _MEANT):
+        return None
+    return places[0]
 
 
 def _fits(unit: str, other: str) -> bool:
-    """Whether two units are of one quantity; an angle is no pure number."""
+    """Whether two units are of one quantity; an angle is no pure number, and °C may become K."""
+    if unit in SHOWN_ALONE:
+        return other in SHOWN_ALONE or other == "K"
     return same_dimension(unit, other) and is_angular(unit) == is_angular(other)
 
 
-def _words(name: str) -> frozenset[str]:
+def _words(name: str, unit: str | None) -> frozenset[str]:
     """The words of a name, without the unit at its end."""
-    bare = _HUMP.sub("_", _BRACKETS.sub("", name)).lower()
+    bare = _HUMP.sub("_", _UNIT.sub("", name)).lower()
     words = _WORD.findall(bare)
-    if len(words) > 1 and unit_at_end(bare.replace(" ", "_")) is not None:
+    by_unit = {"".join(_WORD.findall((unit or "").lower())), *_CELSIUS}
+    by_itself = unit_at_end(bare.replace(" ", "_")) is not None
+    if len(words) > 1 and (by_itself or words[-1] in by_unit):
         del words[-1]
     return frozenset(words)

@@ -149,10 +149,10 @@ def _by_columns(path: Path, system: System) -> str:
 
 
 def _by_system(system: System) -> str:
-    """The option that names a system's file; nothing where it has none, as in a notebook."""
-    name = type(system).__module__
-    origin = getattr(sys.modules.get(name), "__file__", None)
-    if origin is None or name.partition(".")[0] == "wakedeploy":
+    """The option that names a system's file; nothing where it was not read from one."""
+    kind = type(system)
+    module = sys.modules.get(kind.__module__)
+    if module is None or not isinstance(module.__loader__, _FromSource):
         return ""
-    file, here = Path(origin), Path.cwd()
-    return f" --system {shlex.quote(str(file.relative_to(here) if here in file.parents else file))}"
+    several = f":{kind.__name__}" if len(_systems(module)) > 1 else ""
+    return f" --system {shlex.quote(f'{module.__loader__.path}{several}')}"

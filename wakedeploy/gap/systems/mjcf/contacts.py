@@ -1,6 +1,6 @@
 """Which bodies of a MuJoCo model touch each other where logs have been.
 
-In: a file's elements and measured positions of its joints. Out: sentences for `gap check`.
+In: a file's elements and measured positions of its joints. Out: sentences.
 """
 
 from collections import Counter

@@ -466,7 +466,7 @@ def test_without_an_effect_as_much_is_explained_as_a_fit_from_afar_explains() ->
     start = dict(zip(base.names, base.theta, strict=True))
     begun = [start.get(f.name, f.starts[0] if f.starts else f.neutral) for f in near.free(both)]
     near, found = refitted(near, fit(near, both, range(3), np.array(begun)))
-    assert found.value("wake-strength.strength") == pytest.approx(19.0, abs=25.0)
+    assert found.value("wake-strength.strength") < 0.2 * RIG.wake.strength
     _, without = reduced(near, found, both[1:])
     _, afar = refitted(model, fit(model, both[1:], range(3), model.start(both[1:])))
     assert without.objective > afar.objective - 3.0
