@@ -326,6 +326,21 @@ def test_a_name_that_no_column_is_like_is_said(folder, foreign, tmp_path):
     assert "No column was found for position_m: name them by hand." in ended.output
 
 
+@pytest.mark.parametrize(
+    ("name", "lacking"), [("voltage", "position_m:"), ("a", "voltage_v and position_m:")]
+)
+def test_a_first_columns_file_that_cannot_be_read_yet_is_begun(folder, tmp_path, name, lacking):
+    """No clock, and perhaps no column that is found: what to do is in the file."""
+    rows = np.random.default_rng(1).standard_normal((2, 300))
+    np.savez(tmp_path / "log.npz", **dict(zip([name, "other"], rows, strict=True)))
+    words = ["import", "table", tmp_path / "log.npz", "--guess", "--system", folder / "my_robot.py"]
+    columns = tmp_path / "c.toml"
+    ended = CliRunner().invoke(data_command, [*map(str, words), "--columns", str(columns)])
+    assert ended.exit_code == 0, ended.output
+    assert f"No column was found for {lacking}" in ended.output
+    assert "rate_hz = 0  # not found in the log" in columns.read_text()
+
+
 def test_a_system_goes_with_a_guess_alone(folder, foreign):
     words = ["import", "table", foreign, "--system", folder / "my_robot.py", "--columns", "c.toml"]
     ended = CliRunner().invoke(data_command, [str(word) for word in [*words, "--out", "set"]])
