@@ -20,7 +20,7 @@ from typing import Any
 from benchmarks.hidden_effects.measure import Floor, Measured, Strength, finite
 from wakedeploy.gap.evidence.fits import told_by_data
 from wakedeploy.gap.rules import sealed_count
-from wakedeploy.gap.systems.gantry.flight import read_flights
+from wakedeploy.gap.systems.gantry.flight import usable_flights
 from wakedeploy.rig.file import read_rig
 
 CLASS_NATS = 3.0
@@ -43,7 +43,7 @@ def judge(folder: Path, result: Result, truth_path: Path) -> dict[str, Any]:
     floor = None
     if truth["kind"] != "none":
         rig = read_rig(folder / "rig.toml")
-        flights = read_flights(sorted(folder.glob("flight*.mcap")), rig)
+        flights, _ = usable_flights(sorted(folder.glob("flight*.mcap")), rig)
         measured = Measured(rig, flights)
         strength = measured.strength(truth["effects"], truth["outside"])
         judgement |= _strength(strength, truth)

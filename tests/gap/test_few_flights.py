@@ -428,3 +428,36 @@ def test_nothing_is_added_of_one_flight_unasked(flights, closed) -> None:
     case = open_case(flights["rig"][0], flights[HIDDEN][:1], thresholds=LIMITS)
     with pytest.raises(UnusableInput, match="Cannot tell from one flight"):
         add(case, closed[HIDDEN][0])
+
+
+@pytest.mark.whole
+def test_a_log_without_a_flight_is_left_out_and_said_to_be(flights, tmp_path) -> None:
+    """A start that failed costs only its own log, at every step, in the account and the report."""
+    short = tmp_path / "failed.mcap"
+    record(RIG, seconds=5, seed=1).without_truth().write_mcap(short)
+    (flown,) = flights["nothing"]
+    given = ["--rig", str(flights["rig"][0]), "--measured", str(short), str(flown)]
+    out = tmp_path / "out"
+    with searching(*SEARCHED):
+        runs = [
+            CliRunner().invoke(main, ["gap", step, *given, "--out", str(out)])
+            for step in ("find", "name")
+        ]
+    assert [run.exit_code for run in runs] == [0, 0], runs[-1].output
+    sentence = "Left out: failed.mcap, only 3.6 s in the air"
+    assert all(sentence in run.stderr for run in runs)
+    found = json.loads((out / "find.json").read_text())
+    assert [log["path"] for log in found["unflown"]] == [str(short)]
+    assert found["split"]["fit"] == [log["path"] for log in found["logs"]] == [str(flown)]
+    steps = read_steps(out)
+    assert steps.flights == 1
+    assert sentence in account(steps.summary)
+    (row,) = (line for line in (out / "report.html").read_text().splitlines() if str(short) in line)
+    assert "<td>left out</td>" in row
+
+
+def test_logs_that_all_hold_no_flight_are_refused(flights, tmp_path) -> None:
+    short = tmp_path / "failed.mcap"
+    record(RIG, seconds=5, seed=1).without_truth().write_mcap(short)
+    with pytest.raises(UnusableInput, match=r"failed\.mcap: only 3.6 s in the air"):
+        open_case(flights["rig"][0], [short], thresholds=LIMITS)

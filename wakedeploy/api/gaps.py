@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from wakedeploy.api.flights import Flight, Flights
-from wakedeploy.api.inputs import PathLike, Warn
+from wakedeploy.api.inputs import PathLike
 from wakedeploy.api.systems import is_system, take
-from wakedeploy.core.caller import warn_caller
+from wakedeploy.core.caller import Warn, warn_caller
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.rig import Rig
@@ -266,7 +266,7 @@ def close_gap(
     if columns is not None:
         raise UnusableInput("columns are for a system of your own; flights of a rig need none.")
     rig_path = _rig_path(system)
-    _closed(rig_path, measured, Path(out), workers, report, retrain_minutes, plan, progress)
+    _closed(rig_path, measured, Path(out), workers, report, retrain_minutes, plan, progress, warn)
     return Gap.read(out)
 
 
@@ -279,6 +279,7 @@ def _closed(
     retrain_minutes: float | None,
     plan: bool,
     progress: Progress,
+    warn: Warn,
 ) -> None:
     """All steps of a rig."""
     from wakedeploy.gap.systems.gantry.workflow import close
@@ -296,6 +297,7 @@ def _closed(
             progress=progress,
             retrain=trainer(retrain_minutes, workers, progress),
             plan=plan,
+            warn=warn,
         )
 
 

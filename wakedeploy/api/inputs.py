@@ -1,7 +1,6 @@
 """What every function takes: a thing, or the path of the file or folder that holds it."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 from wakedeploy.core.episodes import EpisodeSet, read_episode_set
@@ -9,7 +8,6 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.rig.file import default_rig, read_rig
 
 PathLike = str | os.PathLike[str]
-Warn = Callable[[str], None]
 
 
 def episode_set(data: EpisodeSet | PathLike) -> EpisodeSet:

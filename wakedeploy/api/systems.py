@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from wakedeploy.api.inputs import PathLike, Warn
+from wakedeploy.api.inputs import PathLike
+from wakedeploy.core.caller import Warn
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Columns, read_columns

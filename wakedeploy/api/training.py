@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from wakedeploy.api.inputs import PathLike, Warn, episode_set
+from wakedeploy.api.inputs import PathLike, episode_set
 from wakedeploy.api.scores import ScoreRow, Scores, Shown, score_row
-from wakedeploy.core.caller import warn_caller
+from wakedeploy.core.caller import Warn, warn_caller
 from wakedeploy.core.errors import CheckFailed, OutOfRange, UnusableInput
 from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet

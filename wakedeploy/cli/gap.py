@@ -196,12 +196,16 @@ def close_gap(
     """
     _progress("loading")
     from wakedeploy.api.gaps import close_gap as close
-    from wakedeploy.cli.output import write_json
+    from wakedeploy.cli.output import warn, write_json
     from wakedeploy.gap.report.advice import advice
 
     asked = minutes if retrain else None
     closed = close(
-        rig_path, measured, out, workers=workers, retrain_minutes=asked, progress=_progress
+        *(rig_path, measured, out),
+        workers=workers,
+        retrain_minutes=asked,
+        progress=_progress,
+        warn=warn,
     )
     click.echo(closed.account)
     if after := advice(closed.steps, out):
@@ -359,11 +363,12 @@ def _enter(out: Path, rig_path: Path, measured: tuple[Path, ...]) -> None:
 
 
 def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
+    from wakedeploy.cli.output import warn
     from wakedeploy.gap.systems.gantry.find_name_add_show import open_case
 
     _enter(out, rig_path, measured)
     _progress("reading the flights")
-    return open_case(rig_path, measured, workers=workers, progress=_progress)
+    return open_case(rig_path, measured, workers=workers, progress=_progress, warn=warn)
 
 
 def _finish(case: "Case", out: Path, json_path: Path | None) -> None:

@@ -47,23 +47,25 @@ def reference(
     """  # fmt: skip
     from wakedeploy.cli.log_lines import stages
     from wakedeploy.cli.output import write_json
-    from wakedeploy.gap.systems.gantry.flight import read_flights
+    from wakedeploy.gap.systems.gantry.flight import unflown_sentence, usable_flights
     from wakedeploy.gap.systems.gantry.reference.corrected import corrected
     from wakedeploy.gap.systems.gantry.reference.learning import learn
     from wakedeploy.gap.systems.gantry.reference.summary import as_json
     from wakedeploy.rig.file import read_rig
 
     rig = read_rig(rig_path)
-    flights = read_flights(measured, rig)
+    flights, unflown = usable_flights(measured, rig)
     with stages() as progress:
         learned = learn(rig, flights, progress)
-    content = as_json(learned)
+    content = as_json(learned) | {"unflown": unflown}
     new = corrected(learned)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "reference.json", content)
     new.write(out / "rig.toml")
     for sentence in content["sentences"]:
         click.echo(sentence)
+    for name, why in unflown.items():
+        click.echo(unflown_sentence(name, why))
     click.echo(f"Wrote {out / 'rig.toml'}: give it as --rig from now on.")
     if json_path is not None:
         write_json(json_path, content)

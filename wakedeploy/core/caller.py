@@ -2,7 +2,10 @@
 
 import sys
 import warnings
+from collections.abc import Callable
 from types import FrameType
+
+Warn = Callable[[str], None]  # called with what was noticed and handled, a sentence
 
 _OURS = frozenset({"wakedeploy", "trainers", "runtime", "export"})
 
@@ -16,6 +19,10 @@ def warn_caller(sentence: str, category: type[Warning] = UserWarning) -> None:
     while _is_ours(frame) and frame.f_back is not None:
         depth, frame = depth + 1, frame.f_back
     warnings.warn(sentence, category, stacklevel=depth)
+
+
+def unsaid(sentence: str) -> None:
+    """Warns nobody: for a caller to whom the results say it."""
 
 
 def _is_ours(frame: FrameType) -> bool:

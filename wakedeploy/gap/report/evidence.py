@@ -38,6 +38,7 @@ from wakedeploy.gap.systems.gantry.findings import (
     Retraining,
     Sized,
 )
+from wakedeploy.gap.systems.gantry.flight import unflown_sentence
 from wakedeploy.gap.wording import (
     confidence,
     counted,
@@ -333,7 +334,7 @@ def _bent(summary: Summary) -> list[str]:
 
 def _doubts(summary: Summary) -> list[str]:
     """What the flights leave open, or what had to be assumed of them, each said once."""
-    sentences = []
+    sentences = [unflown_sentence(log.path, log.why) for log in summary.unflown]
     for doubt in dict.fromkeys(note for log in summary.logs for note in log.notes):
         names = [Path(log.path).name for log in summary.logs if doubt in log.notes]
         where = "every flight" if len(names) == len(summary.logs) else listed(names)

@@ -36,6 +36,7 @@ from wakedeploy.gap.report.tables import (
     noise_table,
     place_table,
     ranking_table,
+    unflown_rows,
     unknown_effect,
     values_of,
     whiteness,
@@ -361,6 +362,6 @@ def _judging(show: Show) -> str:
 def _data(steps: StepArtefacts) -> dict[str, Any]:
     find = _found(steps)
     return {
-        "logs": log_rows(find.logs, find.split.sealed),
+        "logs": log_rows(find.logs, find.split.sealed) + unflown_rows(find.unflown),
         "rig_sha256": find.rig_sha256 or UNKNOWN,
     }

@@ -19,7 +19,7 @@ from wakedeploy.gap.report.phrases import (
 )
 from wakedeploy.gap.report.shrinkage import closed_words, gap_values, unchanged
 from wakedeploy.gap.search.artefacts import Place, Quantity, White
-from wakedeploy.gap.systems.gantry.artefacts import Log
+from wakedeploy.gap.systems.gantry.artefacts import Log, Unflown
 from wakedeploy.gap.systems.gantry.findings import Detectable, Expression, Gap, Ranked, Sizes
 from wakedeploy.gap.wording import (
     UNKNOWN,
@@ -160,3 +160,9 @@ def log_rows(logs: Sequence[Log], sealed: Sequence[str]) -> list[dict[str, str]]
         }
         for log in logs
     ]
+
+
+def unflown_rows(logs: Sequence[Unflown]) -> list[dict[str, str]]:
+    """Every log that was left out, in the columns of `log_rows`."""
+    blank = {"length": UNKNOWN, "samples": UNKNOWN, "sha256": UNKNOWN}
+    return [{"path": log.path, "use": "left out", "notes": log.why} | blank for log in logs]

@@ -66,6 +66,13 @@ class Log(Part):
     simulated: bool = False
 
 
+class Unflown(Part):
+    """A log that is left out, as it holds no flight or too short a one, and why."""
+
+    path: str
+    why: str
+
+
 class Split(Part):
     """Names of the flights that were fitted, and of those kept apart."""
 
@@ -100,6 +107,7 @@ class Find(Artefact):
     rig: str | None = None
     rig_sha256: str = ""
     logs: list[Log] = []
+    unflown: list[Unflown] = []
     split: Split = Split()
     white: White | None = None
     places: list[Place] = []
@@ -214,6 +222,7 @@ class Summary(Told):
 
     places: list[Place] | None = None
     logs: list[Log] = []
+    unflown: list[Unflown] = []
     split: Split = Split()
     split_by: str = ""
     white: White | None = None

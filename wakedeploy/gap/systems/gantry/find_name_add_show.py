@@ -7,12 +7,13 @@ and go on.
 
 import functools
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from wakedeploy.core.caller import Warn, unsaid
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Rig
@@ -23,9 +24,9 @@ from wakedeploy.gap.few_flights import cannot_tell, headline
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import sealed_count
 from wakedeploy.gap.search.places import forbids_none
-from wakedeploy.gap.systems.gantry.artefacts import Add, Find, Log, Name, Show, Split
+from wakedeploy.gap.systems.gantry.artefacts import Add, Find, Log, Name, Show, Split, Unflown
 from wakedeploy.gap.systems.gantry.findings import Retraining, Sized
-from wakedeploy.gap.systems.gantry.flight import Flight, read_flights
+from wakedeploy.gap.systems.gantry.flight import Flight, unflown_sentence, usable_flights
 from wakedeploy.gap.systems.gantry.folder import (
     forget,
     read_steps,
@@ -59,7 +60,8 @@ Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Retraining]
 class Case:
     """A rig file and its flights; nothing is fitted to the sealed ones.
 
-    `is_simulated` says that the thresholds are this rig's own; `rig_path` is where its file lies.
+    `is_simulated` says that the thresholds are this rig's own; `rig_path` is where its file lies;
+    `unflown` says of each log that is left out why.
     """
 
     rig: Rig
@@ -68,6 +70,7 @@ class Case:
     thresholds: Thresholds
     is_simulated: bool = True
     rig_path: Path | None = None
+    unflown: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def in_sample(self) -> bool:
@@ -100,13 +103,17 @@ def open_case(
     workers: int = 2,
     progress: Progress = quiet,
     thresholds: Thresholds | None = None,
+    warn: Warn = unsaid,
 ) -> Case:
     """Read rig and logs; the last flights are sealed. The rig's thresholds are simulated once.
 
-    That takes minutes; too few flights for a verdict do not wait for it.
+    That takes minutes; too few flights for a verdict do not wait for it. `warn` is called for each
+    log that holds no flight: it is left out.
     """
     rig = read_rig(rig_path)
-    flights = read_flights(measured, rig)
+    flights, unflown = usable_flights(measured, rig)
+    for log, why in unflown.items():
+        warn(unflown_sentence(log, why))
     split = len(flights) - sealed_count(len(flights))
 
     steps = functools.partial(progress, "simulating this rig's thresholds, once")
@@ -114,7 +121,8 @@ def open_case(
     if known is None and not cannot_tell(len(flights)):
         known = thresholds_for(rig, workers=workers, progress=steps)
     fitted, sealed = tuple(flights[:split]), tuple(flights[split:])
-    return Case(rig, fitted, sealed, known or UNSIMULATED, known is not None, rig_path)
+    shown = known or UNSIMULATED
+    return Case(rig, fitted, sealed, shown, known is not None, rig_path, unflown)
 
 
 def find(case: Case, out: Path, progress: Progress = quiet) -> Find:
@@ -127,6 +135,7 @@ def find(case: Case, out: Path, progress: Progress = quiet) -> Find:
         "rig": None if case.rig_path is None else str(case.rig_path),
         "rig_sha256": case.rig.sha256,
         "logs": [_log(flight) for flight in (*case.flights, *case.sealed)],
+        "unflown": [Unflown(path=path, why=why) for path, why in case.unflown.items()],
         "split": Split(fit=[f.name for f in case.flights], sealed=[f.name for f in case.sealed]),
     }
     forget(out, "find")

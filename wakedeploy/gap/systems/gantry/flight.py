@@ -125,30 +125,74 @@ class Flight:
         return float((self.stop - self.start).sum() * DT_S)
 
 
+class NotFlown(UnusableInput):
+    """A log of the rig that holds no flight, or too short a one; `why` says it without its name."""
+
+    def __init__(self, name: str, why: str) -> None:
+        super().__init__(f"{name}: {why}.")
+        self.why = why
+
+
+def usable_flights(paths: Sequence[Path], rig: Rig) -> tuple[list[Flight], dict[str, str]]:
+    """The flights in the given order, and why each log that holds none is left out, by its name.
+
+    A motor test or a start that failed says nothing of the wake, and should not cost the flights
+    beside it. UnusableInput if no log holds a flight, or one cannot be used for another reason.
+    """
+    flights: list[Flight] = []
+    unflown: dict[str, NotFlown] = {}
+    for path in _given(paths):
+        try:
+            flights.append(_read_flight(path, rig))
+        except NotFlown as error:
+            unflown[str(path)] = error
+    if not flights:
+        raise next(iter(unflown.values()))
+    _require_each_once(flights)
+    return flights, {name: error.why for name, error in unflown.items()}
+
+
+def unflown_sentence(name: str, why: str) -> str:
+    """Which log was left out, and why."""
+    return f"Left out: {Path(name).name}, {why}."
+
+
 def read_flights(paths: Sequence[Path], rig: Rig) -> list[Flight]:
     """Read logs in the given order; UnusableInput for one that cannot be used, saying why."""
+    flights = [_read_flight(path, rig) for path in _given(paths)]
+    _require_each_once(flights)
+    return flights
+
+
+def _given(paths: Sequence[Path]) -> Sequence[Path]:
     if not paths:
         raise UnusableInput("No logs given: --measured needs at least one run log.")
-    flights = []
-    for path in paths:
-        log = read_run_log(path).without_truth()
-        _require_same_rig(log, rig, str(path))
-        digest = sha256_of(Path(path).read_bytes())
-        flights.append(flight_from_log(log, rig, str(path), digest))
+    return paths
+
+
+def _read_flight(path: Path, rig: Rig) -> Flight:
+    log = read_run_log(path).without_truth()
+    _require_same_rig(log, rig, str(path))
+    return flight_from_log(log, rig, str(path), sha256_of(Path(path).read_bytes()))
+
+
+def _require_each_once(flights: Sequence[Flight]) -> None:
     twice = {f.sha256 for f in flights if sum(g.sha256 == f.sha256 for g in flights) > 1}
     if twice:
         names = ", ".join(f.name for f in flights if f.sha256 in twice)
         raise UnusableInput(f"{names}: the same recording more than once; give each flight once.")
-    return flights
 
 
 def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Flight:
-    """One log on the grid. Raises UnusableInput for one too short, still, or broken in time."""
+    """One log on the grid.
+
+    Raises NotFlown for one that is too short, UnusableInput for one still or broken in time.
+    """
     t_s = np.asarray(log["t_s"], float)
     notes = _checked_clock(t_s, name)
     flying = np.isin(log["mode"], FLYING)
     if flying.sum() < 2:
-        raise UnusableInput(f"{name}: it never flew (no tick is RUNNING or DEGRADED).")
+        raise NotFlown(name, "it never flew (no tick is RUNNING or DEGRADED)")
     for column in ("steps", "source_cmd_us", "sufferer_cmd_us"):
         if not np.isfinite(log[column][flying]).any():
             raise UnusableInput(f"{name}: {column} is empty; nothing can be simulated without it.")
@@ -425,9 +469,10 @@ def _references(log: RunLog, fresh: npt.NDArray[np.bool_]) -> FloatArray:
 
 def _require_content(flight: Flight, log: RunLog, flying: npt.NDArray[np.bool_]) -> None:
     if flight.airborne_s < SHORTEST_S:
-        raise UnusableInput(
-            f"{flight.name}: only {flight.airborne_s:.1f} s in the air; at least {SHORTEST_S:g} s "
-            "are needed, 20 s are good."
+        raise NotFlown(
+            flight.name,
+            f"only {flight.airborne_s:.1f} s in the air; at least {SHORTEST_S:g} s are needed, "
+            "20 s are good",
         )
     commands = log["sufferer_cmd_us"][flying]
     if np.ptp(flight.reading_m) == 0.0:

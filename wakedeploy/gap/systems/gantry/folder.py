@@ -85,7 +85,7 @@ class StepArtefacts:
         if self.find is not None:
             find = self.find
             fields |= {"places": find.places, "logs": find.logs, "split": find.split}
-            fields["white_before"] = find.white
+            fields |= {"unflown": find.unflown, "white_before": find.white}
         if self.name is not None:
             fields |= {key: getattr(self.name, key) for key in ("white", "split_by")}
             fields["threshold_of_s"] = self.name.threshold_of_s

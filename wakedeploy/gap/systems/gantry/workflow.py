@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from wakedeploy.core.caller import Warn, unsaid
 from wakedeploy.gap import workflow
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.report.advice import advice
@@ -75,6 +76,7 @@ def close(
     thresholds: Thresholds | None = None,
     retrain: Retrain | None = None,
     plan: bool = True,
+    warn: Warn = unsaid,
 ) -> Result:
     """Run all steps; return what `result.json` says. An interruption leaves finished steps usable.
 
@@ -83,7 +85,9 @@ def close(
     """
     prepare(out, rig_path)
     refuse_foreign_rig(out)  # minutes of fitting should not end at it
-    case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
+    case = open_case(
+        rig_path, measured, workers=workers, progress=progress, thresholds=thresholds, warn=warn
+    )
     steps: workflow.Steps[Artefact] = CaseSteps(case, out, progress)
     workflow.run(steps, "close")
     steps_left = read_steps(out)
