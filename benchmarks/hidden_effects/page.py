@@ -21,10 +21,12 @@ Summary = Mapping[str, Any]
 _RATES = (
     ("right_from_50_nats", "right, 50 nats and above", "≥ 95 %"),
     ("right_15_to_50_nats", "right, 15 to 50 nats", "≥ 80 %"),
+    ("right_shown", "right, 15 nats and above, of those that show in forecasts", ""),
+    ("right_not_shown", "right, 15 nats and above, of those that do not", ""),
     ("false_alarms", "false alarms without an effect", "≤ 5 %"),
     ("unknown_outside", "outside the library, called unknown", "≥ 90 %"),
     ("unknown_outside_from_15_nats", "the same, 15 nats and above", ""),
-    ("unknown_outside_from_50_nats", "the same, 50 nats and above", ""),
+    ("unknown_outside_shown", "the same, of those that show in forecasts", ""),
     (
         "outside_or_unseen",
         "outside the library, unknown, or nothing that matters where none shows",

@@ -36,7 +36,6 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
     strong = [line for line in singles if (line.get("nats") or 0.0) >= 50.0]
     weak = [line for line in singles if 15.0 <= (line.get("nats") or 0.0) < 50.0]
     none = [line for line in lines if line["kind"] == "none"]
-    outside = [line for line in lines if line["kind"] == "outside"]
     commits = sorted({line.get("commit", "") for line in lines})
     return {
         "commits": commits,
@@ -52,13 +51,7 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
         "cases": dict(Counter(line["kind"] for line in lines)),
         "errors": {line["name"]: line["error"] for line in lines if "error" in line},
         **rates_with_a_bar(lines),
-        "unknown_outside_from_15_nats": _rate(
-            line["right"] for line in outside if (line.get("nats") or 0.0) >= 15.0
-        ),
-        "unknown_outside_from_50_nats": _rate(
-            line["right"] for line in outside if (line.get("nats") or 0.0) >= 50.0
-        ),
-        "outside_or_unseen": _rate(line["right"] or unseen(line) for line in outside),
+        **rates_beside(lines),
         "pairs_right": _rate(line["right"] for line in pairs),
         "pairs_in_part": _rate(line["partial"] and line["verdict"] != "named" for line in pairs),
         "by_nats": [_bin(singles, low, high) for low, high in BINS],
@@ -99,6 +92,25 @@ def rates_with_a_bar(lines: Sequence[Line]) -> dict[str, dict[str, Any]]:
         ),
         "false_alarms": _rate(line["verdict"] != "none" for line in none),
         "unknown_outside": _rate(line["right"] for line in lines if line["kind"] == "outside"),
+    }
+
+
+def rates_beside(lines: Sequence[Line]) -> dict[str, dict[str, Any]]:
+    """Rates without a bar: of effects that show in the forecast error, and of those outside.
+
+    Whether an effect shows is the judge's own measurement.
+    """
+    singles, outside = (
+        [line for line in lines if line["kind"] == kind and (line.get("nats") or 0.0) >= 15.0]
+        for kind in ("effect", "outside")
+    )
+    every_outside = [line for line in lines if line["kind"] == "outside"]
+    return {
+        "right_shown": _rate(line["right"] for line in singles if line.get("shows")),
+        "right_not_shown": _rate(line["right"] for line in singles if line.get("shows") is False),
+        "unknown_outside_from_15_nats": _rate(line["right"] for line in outside),
+        "unknown_outside_shown": _rate(line["right"] for line in outside if line.get("shows")),
+        "outside_or_unseen": _rate(line["right"] or unseen(line) for line in every_outside),
     }
 
 
