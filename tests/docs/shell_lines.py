@@ -46,7 +46,7 @@ SMALLER = (
 
 # Commands of ours that are read, and not run here: a pattern of page and command, and why.
 NOT_RUN = {
-    r"^docs/tutorials/(at|own)-": "takes minutes; test_tutorials.py obeys it as it stands",
+    r"^docs/tutorials/(at|own|mujoco)-": "takes minutes; test_tutorials.py obeys it as it stands",
     r"^docs/results": "makes a record: takes minutes to hours",
     r" (data import (?!table)|study .*--recordings|gap domain \w+ PATH)": "needs public recordings",
     r" study ": "takes minutes to hours; tests/study run the studies on a few episodes",

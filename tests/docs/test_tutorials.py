@@ -61,7 +61,7 @@ def named_the_friction(printed: str) -> None:
 
 def corrected_the_delay(printed: str) -> None:
     """The delay that the log was made with is in the interval; MuJoCo replays a new log with it."""
-    low, high = map(float, re.findall(r"delay_s [\d.]+ ms \(([\d.]+) to ([\d.]+)\)", printed)[0])
+    low, high = map(float, re.findall(r"delay [\d.]+ ms \(([\d.]+) to ([\d.]+)\)", printed)[0])
     assert low < 30.0 < high
     assert high - low < 0.9 * 30.0  # and says something of it
     before, after = map(float, re.findall(r"rms error ([\d.]+) mrad", printed))
