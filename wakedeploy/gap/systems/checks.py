@@ -257,6 +257,12 @@ def _check_ports(system: StateSpace) -> None:
         wanted = [(port.role, port.name)] if port.role in known else []
         wanted += [("constant", n) for n in (port.inertia, port.friction) if n]
         wanted += [("force", n) for n in (port.position, port.height) if n]
+        wanted += [("input", port.like)] if port.like else []
+        if port.like and hasattr(system, "derivative_under"):
+            raise UnusableInput(
+                f"{system.name}: the port {port.name!r} is like {port.like!r}, and there is a "
+                "derivative_under, which says how forces act; drop one of them."
+            )
         for role, name in wanted:
             if name not in known[role]:
                 thing = "state" if role == "force" else role
@@ -300,8 +306,11 @@ def _check_functions(system: StateSpace) -> None:
         _check_points(_method(system, method), evaluate, tried)
     state = Point("state", {n: tried[n] for n in system.states})
     inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
-    if system.takes_forces and not system.has_step:
+    if hasattr(system, "derivative_under") and not system.has_step:
         _check_forces(system, state, inputs)
+    for port in system.ports:
+        if port.like:
+            _check_like(system, port, state, inputs)
     for port in system.ports:
         if port.function is not None:
             _check_custom(system, port, state, inputs, shape)
@@ -346,6 +355,19 @@ def _check_forces(system: StateSpace, state: Point, inputs: Point) -> None:
                 f"{system.name}.derivative_under gives another {name!r} than derivative where no "
                 "force acts; write both by one function of the forces."
             )
+
+
+def _check_like(system: StateSpace, port: Port, state: Point, inputs: Point) -> None:
+    """More of the input that a force acts like pushes the state forward wherever it does."""
+    c = system.values()
+    with np.errstate(all="ignore"):
+        rates = (system.rates(state, inputs, c, {port.name: push}) for push in (-1e-3, 1e-3))
+        less, more = (np.asarray(each[port.name], dtype=float) for each in rates)
+    if not (np.all(more >= less) and np.any(more > less)):
+        raise UnusableInput(
+            f"{system.name}: the port {port.name!r} is like {port.like!r}, more of which does not "
+            "push it forward; name an input that does, or write derivative_under."
+        )
 
 
 def _tried(system: StateSpace, shape: tuple[int, ...]) -> dict[str, FloatArray]:

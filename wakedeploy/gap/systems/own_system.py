@@ -23,7 +23,8 @@ class System(StateSpace):
     it is called with the first measured values and returns states by name.
     `derivative_under(state, inputs, c, forces)` is for a mechanism in which a force at one state's
     port moves others too; `forces` are by the ports' states, as `forces.speed_mps`, and 0 where
-    nothing acts. Without it a force moves its own state.
+    nothing acts. Without it a force moves its own state, or what the input moves that its port says
+    it is `like`.
     `steps` are those of the model within a sample, which a system needs that is fast against
     `rate_hz`; inputs are then taken between the samples, as they hold.
     `process_noise` and `start_spread` override the library's guesses for states, by name; a

@@ -127,6 +127,7 @@ class Port:
     unit: str = ""
     kinds: tuple[str, ...] = ()
     friction: str = ""
+    like: str = ""
     function: Increments | None = field(default=None, compare=False)
     parameters: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
     shapes: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
@@ -146,6 +147,7 @@ class Port:
         unit: str = "",
         kinds: Sequence[str] = (),
         friction: str = "",
+        like: str = "",
     ) -> "Port":
         """At the derivative of the state `speed`: a force over the constant `inertia`.
 
@@ -153,9 +155,11 @@ class Port:
         the speed is, or another on which a force may depend, as a heading on a slope; `height` one
         that is the height above ground. `friction` names the constant that is the dry friction
         which the model knows of: it acts there beside the derivative, and holds what stands, which
-        no function of the speed can do.
+        no function of the speed can do. `like` names the input that the force acts like, as more
+        or less of it would: a torque in a joint of an arm moves the other joints, too, just as its
+        motor's does, and is in the motor's unit.
         """
-        return cls("force", speed, inertia, position, height, unit, tuple(kinds), friction)
+        return cls("force", speed, inertia, position, height, unit, tuple(kinds), friction, like)
 
     @classmethod
     def output(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
@@ -357,8 +361,13 @@ class StateSpace:
 
     @property
     def takes_forces(self) -> bool:
-        """Whether it has a `derivative_under`, which lets forces at ports act as in a mechanism."""
-        return hasattr(self, "derivative_under")
+        """Whether forces at ports act as in a mechanism: by `derivative_under`, or like inputs."""
+        return hasattr(self, "derivative_under") or bool(self._inputs_of_forces)
+
+    @functools.cached_property
+    def _inputs_of_forces(self) -> dict[str, str]:
+        """The input that the force on each speed acts like, by the speed."""
+        return {p.name: p.like for p in self.ports if p.like}
 
     @property
     def name(self) -> str:
@@ -525,11 +534,27 @@ class StateSpace:
         """
         method = "step" if self.has_step else "derivative"
         given: list[Mapping[str, Any] | Point] = [state, inputs, c]
-        if forces is not None:
+        beside: Mapping[str, Any] = {}
+        if forces is not None and hasattr(self, "derivative_under"):
             ports = [port.name for port in self.ports if port.role == "force"]
             method, given = "derivative_under", [*given, Forces(forces, ports)]
+        elif forces:
+            given[1] = self._with_forces(inputs, forces)
+            beside = {n: f for n, f in forces.items() if n not in self._inputs_of_forces}
         returned = called(f"{self.name}.{method}", getattr(self, method), *given)
-        return complete(returned, self.states, f"{self.name}.{method}", "state")
+        rates = complete(returned, self.states, f"{self.name}.{method}", "state")
+        for port in (p for p in self.ports if p.role == "force" and p.name in beside):
+            inertia = getattr(c, port.inertia) if port.inertia else 1.0
+            lasting_s = 1.0 / self.rate_hz if self.has_step else 1.0
+            rates[port.name] = rates[port.name] + beside[port.name] / inertia * lasting_s
+        return rates
+
+    def _with_forces(self, inputs: Point, forces: Mapping[str, Any]) -> Point:
+        """The inputs, with more of those that forces act like."""
+        values = {i.name: getattr(inputs, i.name) for i in self.inputs}
+        for speed, name in self._inputs_of_forces.items():
+            values[name] = values[name] + forces.get(speed, 0.0)
+        return Point("input", values)
 
     def added(self, port: Port, function: Callable[..., Any], *given: Any) -> Mapping[str, Any]:
         """What an effect of the user's own returns, with what fails in it said by its name."""

@@ -219,8 +219,7 @@ def _scales(
         there["bottom"] = sizes.get(f"bottom {port.name}", -sizes[f"y {port.name}"])
         units["output"] = next(o.unit for o in system.outputs if o.name == port.name)
     elif port.role == "force":
-        inertia = abs(system.constant(port.inertia).value) if port.inertia else 1.0
-        there |= {"force": inertia * sizes[f"d {port.name}"], "speed": sizes[port.name]}
+        there |= {"force": _usual_force(system, port, sizes), "speed": sizes[port.name]}
         units |= {"force": force_unit(system, port), "speed": system.states[port.name]}
         for part, name in (("position", port.position), ("height", port.height)):
             if name:
@@ -234,6 +233,13 @@ def _scales(
     for name, (unit, size) in (*port.parameters.items(), *port.shapes.items()):
         there[f"own {name}"], units[f"own {name}"] = size, unit
     return Scales(there, units)
+
+
+def _usual_force(system: StateSpace, port: Port, sizes: Mapping[str, float]) -> float:
+    """What usually moves a port's state, in the unit of forces there."""
+    if port.inertia:
+        return abs(system.constant(port.inertia).value) * sizes[f"d {port.name}"]
+    return sizes[port.like] if port.like else sizes[f"d {port.name}"]
 
 
 def _way(position: str, sizes: Mapping[str, float]) -> dict[str, float]:
@@ -251,9 +257,11 @@ def _beside(scales: Scales, system: StateSpace, sizes: Mapping[str, float], othe
 
 
 def force_unit(system: StateSpace, port: Port) -> str:
-    """The unit of a force at the port, from those of its inertia and its speed."""
+    """The unit of a force at the port, from its input's, or its inertia's and its speed's."""
     if port.unit:
         return port.unit
+    if port.like:
+        return next(i.unit for i in system.inputs if i.name == port.like)
     rate = rate_unit(system.states[port.name])
     if not port.inertia:
         return rate
