@@ -145,6 +145,52 @@ class Apart(Copter):
         return {"climb_mps": inputs.left_n, "turn_radps": 2.0 * inputs.right_n}
 
 
+class CartAndPole(System):
+    """A pole that is free to swing on a cart that a motor pushes."""
+
+    rate_hz = 100.0
+    inputs = [Input("force_n", "N")]
+    states = {"angle_rad": "rad", "cart_mps": "m/s", "pole_radps": "rad/s"}
+    outputs = [Output("angle_rad", "rad"), Output("cart_mps", "m/s")]
+    ports = [Port.force("cart_mps"), Port.force("pole_radps", position="angle_rad")]
+
+    def derivative(self, state, inputs, c):
+        cosine, sine = np.cos(state.angle_rad), np.sin(state.angle_rad)
+        pushed = (inputs.force_n + 0.06 * state.pole_radps**2 * sine) / 1.2
+        swings = (9.81 * sine - cosine * pushed) / (0.3 * (4.0 / 3.0 - 0.2 * cosine**2 / 1.2))
+        return {
+            "angle_rad": state.pole_radps,
+            "cart_mps": pushed - 0.05 * swings * cosine,
+            "pole_radps": swings,
+        }
+
+
+class Thrust(System):
+    """A copter in a plane, in axes of the room: its thrust goes with its tilt."""
+
+    rate_hz = 100.0
+    inputs = [Input("thrust_n", "N"), Input("torque_nm", "N m")]
+    states = {"tilt_rad": "rad", "x_mps": "m/s", "z_mps": "m/s", "turn_radps": "rad/s"}
+    outputs = [Output("x_mps", "m/s"), Output("z_mps", "m/s"), Output("tilt_rad", "rad")]
+    ports = [Port.force("x_mps"), Port.force("z_mps"), Port.force("turn_radps")]
+
+    def derivative(self, state, inputs, c):
+        return {
+            "tilt_rad": state.turn_radps,
+            "x_mps": -inputs.thrust_n * np.sin(state.tilt_rad),
+            "z_mps": inputs.thrust_n * np.cos(state.tilt_rad) - 9.81,
+            "turn_radps": 20.0 * inputs.torque_nm,
+        }
+
+
+def test_a_motor_alone_that_moves_coupled_masses_is_asked_about():
+    (note,) = coupled_forces(checked(CartAndPole()))
+    assert note.startswith("force_n moves cart_mps and pole_radps together")
+    assert 'Port.force("cart_mps", like="force_n")' in note
+    ports = [Port.force("cart_mps", like="force_n"), CartAndPole.ports[1]]
+    assert coupled_forces(checked(type("Cart", (CartAndPole,), {"ports": ports})())) == []
+
+
 @pytest.mark.parametrize("system", [unlike(Arm), Geared])
 def test_ports_of_coupled_masses_that_do_not_say_so_are_asked_about(system):
     (note,) = coupled_forces(checked(system()))
@@ -154,7 +200,7 @@ def test_ports_of_coupled_masses_that_do_not_say_so_are_asked_about(system):
 
 
 @pytest.mark.parametrize(
-    "system", [Arm, Copter, Apart, unlike(Arm, derivative_under=Arm.derivative)]
+    "system", [Arm, Copter, Thrust, Apart, unlike(Arm, derivative_under=Arm.derivative)]
 )
 def test_others_are_not(system):
     assert coupled_forces(system()) == []

@@ -15,21 +15,31 @@ from wakedeploy.gap.systems.system import Point, Port, StateSpace
 from wakedeploy.gap.wording import listed
 
 _POINTS = 40
+_WIDE = 2.0  # in units of the states: angles of every quadrant, where a thrust's share turns over
 _PUSH = 1e-3  # of an input, small beside what bounds it
 _LEAST = 1e-4  # of what an input does to the speed that it drives, for another to be coupled
 _ALIKE = 1e-3  # relative, between differences of rates
+
+Moved = dict[tuple[str, str], FloatArray]  # how rates change with inputs, by state and input
 
 
 def coupled_forces(system: StateSpace) -> list[str]:
     """Ports at speeds that inputs move together, as only coupled masses do: one sentence or none.
 
     The inverse of a mass matrix is symmetric: what the first motor does to the second joint, the
-    second does to the first, but for their gears. Two motors of a copter do not.
+    second does to the first, but for their gears. Two motors of a copter do not. It is positive,
+    too: one motor pushes its own joint forward in every pose, and others by a share that depends on
+    the pose. A rotor's thrust in axes of the room does not.
     """
     ports = [p for p in system.ports if p.role == "force" and not p.like]
-    if hasattr(system, "derivative_under") or len(ports) < 2 or len(system.inputs) < 2:
+    if hasattr(system, "derivative_under") or len(ports) < 2:
         return []
     does = _moved(system)
+    return _of_several(does, system, ports) or _of_one(does, system, ports)
+
+
+def _of_several(does: Moved, system: StateSpace, ports: Sequence[Port]) -> list[str]:
+    """Of two motors or more: which each of them drives is known."""
     driven = {
         first.name: mine
         for first, second in itertools.permutations(ports, 2)
@@ -46,10 +56,28 @@ def coupled_forces(system: StateSpace) -> list[str]:
     ]
 
 
-def _moved(system: StateSpace) -> dict[tuple[str, str], FloatArray]:
+def _of_one(does: Moved, system: StateSpace, ports: Sequence[Port]) -> list[str]:
+    """Of a motor alone, as under a cart with a pole."""
+    for stated, first in itertools.product(system.inputs, ports):
+        drives = does[first.name, stated.name]
+        others = [does[p.name, stated.name] for p in ports if p is not first]
+        if not np.all(drives > 0.0) or not np.all(np.isfinite(others)):
+            continue
+        if max(float(np.ptp(other / drives)) for other in others) > _LEAST:
+            names = listed([p.name for p in ports if np.any(does[p.name, stated.name])])
+            return [
+                f"{stated.name} moves {names} together, in shares that depend on the state, as in "
+                f"coupled masses. If a force at {first.name} does so, too, its port has to say it, "
+                f'by Port.force("{first.name}", like="{stated.name}"), or all by a '
+                "derivative_under; else another effect may be named."
+            ]
+    return []
+
+
+def _moved(system: StateSpace) -> Moved:
     """How every rate (P,) changes with each input at random points, by state and input."""
     rng = np.random.default_rng(4)
-    state = Point("state", {n: rng.standard_normal(_POINTS) * 0.5 for n in system.states})
+    state = Point("state", {n: rng.standard_normal(_POINTS) * _WIDE for n in system.states})
     at = {i.name: rng.standard_normal(_POINTS) * 0.5 for i in system.inputs}
     c, found = system.values(), {}
     for stated in system.inputs:
@@ -64,9 +92,7 @@ def _moved(system: StateSpace) -> dict[tuple[str, str], FloatArray]:
     return found
 
 
-def _coupled(
-    does: dict[tuple[str, str], FloatArray], ports: Sequence[Port], inputs: Sequence[str]
-) -> bool:
+def _coupled(does: Moved, ports: Sequence[Port], inputs: Sequence[str]) -> bool:
     """Whether two inputs move two speeds as through a mass matrix's inverse, times their gains."""
     (first, second), (mine, other) = ports, inputs
     drives, answers = does[first.name, mine], does[second.name, other]
