@@ -14,6 +14,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.motor import read_steps
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.ranking import rank
+from wakedeploy.gap.search.outcome import UNSEEN_WORSE
 from wakedeploy.gap.systems.domains.motor import MotorModel, step_response
 from wakedeploy.gap.workflow import concluded
 
@@ -113,4 +114,4 @@ def test_an_effect_that_sealed_steps_speak_against_is_not_named(recordings):
     best = beside.ranking[0]
     assert best.name == "slew-limit"
     assert best.gain_nats > beside.threshold_nats
-    assert best.judged == "forecasts of sealed blocks get worse"
+    assert best.judged == UNSEEN_WORSE
