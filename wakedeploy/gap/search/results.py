@@ -3,7 +3,6 @@
 In: a `Comparison`, its fits, and what was named. Out: the artefacts of `find`, `name` and `show`.
 """
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from statistics import NormalDist
 
@@ -24,7 +23,6 @@ from wakedeploy.gap.search.artefacts import (
     Placebo,
     Quantity,
     Repeated,
-    Round,
     Size,
     Sizes,
     White,
@@ -40,7 +38,7 @@ from wakedeploy.gap.search.comparison import (
 from wakedeploy.gap.search.outcome import Named, verdict_of
 from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
-from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters
+from wakedeploy.gap.search.sizes import joined_sizes
 from wakedeploy.gap.search.weighing import unseen, weight_of
 
 _REACH_SD = NormalDist().inv_cdf(RULES.interval_quantile)  # of a normal interval
@@ -64,7 +62,7 @@ def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
 def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None) -> Answer:
     """Which effects are missing, and how large; `again` is what each half of the logs says."""
     model = outcome.model
-    sizes = _sizes(model, outcome.found, outcome.rounds)
+    sizes = joined_sizes(model, outcome.found, outcome.rounds)
     return Answer(
         domain=model.name,
         key=key,
@@ -164,15 +162,6 @@ def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
     before, after = (errors(model, f, model.sealed()) for f in (outcome.base, instead))
     gain = _sealed_gain(model, outcome.base, instead)
     return Placebo(name=wrong.name, before=before, after=after, sealed_gain_nats=gain)
-
-
-def _sizes(model: Comparison, found: Fit, rounds: Sequence[Round]) -> Sizes:
-    """The sizes of what was found; their intervals are wider where innovations are not white."""
-    plain = least_squares(model, found)
-    sizes = parameters(model, found, found.hypothesis, plain)
-    if plain is None:
-        return sizes
-    return {name: over_rounds(name, size, rounds) for name, size in sizes.items()}
 
 
 def _effect(outcome: Named, name: str, all_sizes: Sizes) -> Effect:

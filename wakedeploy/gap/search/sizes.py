@@ -45,6 +45,15 @@ def parameters(
     return result
 
 
+def joined_sizes(model: Comparison, found: Fit, rounds: Sequence[Round]) -> Sizes:
+    """The sizes of what was found; their intervals are wider where innovations are not white."""
+    plain = least_squares(model, found)
+    sizes = parameters(model, found, found.hypothesis, plain)
+    if plain is None:
+        return sizes
+    return {name: over_rounds(name, size, rounds) for name, size in sizes.items()}
+
+
 def least_squares(model: Model, found: Fit) -> Fit | None:
     """The least-squares fit of what was found, if the model offers and needs one; else None.
 

@@ -13,8 +13,9 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, theta_from
 from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
 from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, chance_of, left_of, marked
-from wakedeploy.gap.search.rivalry import is_nothing
+from wakedeploy.gap.search.rivalry import is_nothing, sizes_of
 from wakedeploy.gap.search.size_bounds import profiled
+from wakedeploy.gap.search.sizes import joined_sizes
 from wakedeploy.gap.search.weighing import helps
 
 
@@ -45,7 +46,22 @@ def with_sizes(model: Comparison, outcome: Named) -> Named:
             if is_nothing(found, name):
                 outcome.rounds[:] = [marked(r, name, NO_SIZE) for r in outcome.rounds]
                 found = _without(model, found, name)
-    return left_of(outcome, found)
+    return left_of(outcome, _sized_in_all(model, outcome, found))
+
+
+def _sized_in_all(model: Comparison, outcome: Named, found: Fit) -> Fit:
+    """The fit without effects whose interval, as it is told, holds no effect, last first.
+
+    It is wider than the likelihood's where the innovations are not white.
+    """
+    if not (found.hypothesis and hasattr(model, "unweighted")):
+        return found
+    sizes = joined_sizes(model, found, outcome.rounds)
+    for name in reversed(found.hypothesis):
+        if all(sizes[f.name].low <= f.neutral <= sizes[f.name].high for f in sizes_of(found, name)):
+            outcome.rounds[:] = [marked(r, name, NO_SIZE) for r in outcome.rounds]
+            return _sized_in_all(model, outcome, _without(model, found, name))
+    return found
 
 
 def borne_out(model: Comparison, outcome: Named) -> Named:

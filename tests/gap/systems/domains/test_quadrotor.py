@@ -9,6 +9,7 @@ from wakedeploy.domains.quadrotor_label_audit import audit, corrected_label
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.systems.domains.quadrotor import QuadrotorModel
+from wakedeploy.gap.workflow import concluded
 
 HOVER_RADPS = 379.0
 
@@ -101,3 +102,12 @@ def test_far_from_any_wake_the_turning_axes_are_named_first(recordings):
     best = rank(model, base, ("thrust-slope", "rotating-frame", "climb-drag"))[0]
     assert best.name == "rotating-frame"
     assert best.fit.value("rotating-frame.share") == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.slow
+def test_what_is_named_far_from_any_wake_has_intervals_without_nothing(recordings):
+    """As they are told: wider than the likelihood's, for residuals that are not white."""
+    told = concluded(QuadrotorModel(read_flights(recordings("quadrotor")), beyond_m=2.0))
+    assert {e.name for e in told.effects} >= {"rotating-frame", "body-drag"}
+    for effect in told.effects:
+        assert any(not size.low <= 0.0 <= size.high for size in effect.parameters.values()), effect
