@@ -14,10 +14,13 @@ from typing import Any
 import click
 
 from benchmarks.known_plants.cases import CASES, Case
+from benchmarks.known_plants.controlled import CONTROLLED
 from benchmarks.known_plants.plants import PLANTS
-from benchmarks.known_plants.recording import recorded
+from benchmarks.known_plants.recording import controlled, recorded
 from benchmarks.records import COMMIT, write
+from wakedeploy import System
 from wakedeploy.core.files import append_json_line, read_json_lines
+from wakedeploy.core.recording import Recording
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of, before_after
 from wakedeploy.gap.systems.checks import checked
@@ -28,10 +31,9 @@ Row = dict[str, Any]
 
 def answered(case: Case) -> Row:
     """The answer, whether it is right, and the seconds that it took."""
-    plant = PLANTS[case.plant]
-    recording = recorded(plant, case.hidden, case.drive, case.seed, case.coloured)
+    recording, system = flown(case)
     began_s = time.process_time()
-    model = LogModel(checked(plant.system()), [recording])
+    model = LogModel(checked(system()), [recording])
     base = fitted_base(model)
     naming = named(model, base)
     seconds = time.process_time() - began_s
@@ -53,6 +55,16 @@ def answered(case: Case) -> Row:
         "removed": before_after(naming.model, naming.base, naming.found).removed.model_dump(),
         "seconds": seconds,
     }
+
+
+def flown(case: Case) -> tuple[Recording, type[System]]:
+    """A case's recording, and the system that knows nothing of what is hidden."""
+    if case.plant in CONTROLLED:
+        plant = CONTROLLED[case.plant]
+        return controlled(plant, case.hidden, case.seed), plant.system
+    driven = PLANTS[case.plant]
+    recording = recorded(driven, case.hidden, case.drive, case.seed, case.coloured)
+    return recording, driven.system
 
 
 def judged(case: Case, answer: Mapping[str, Any]) -> str:

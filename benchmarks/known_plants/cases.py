@@ -27,7 +27,7 @@ class Case:
     @property
     def name(self) -> str:
         """For a person."""
-        what = "+".join(self.hidden) or "nothing"
+        what = "+".join(word for word in self.hidden if word != "sensor") or "nothing"
         return f"{self.plant}, {self.drive}, {what}, {'coloured' if self.coloured else 'white'}"
 
 
@@ -123,4 +123,60 @@ def _without() -> list[Case]:
     ]
 
 
-CASES = (*_with_hidden(), *_outside(), *_without())
+# Under control, from several sensors; the sensor's own faults are those of `sensor`, by its place.
+_CONTROLLED_HIDDEN = (
+    ("cart and pole", {"coulomb": 1.0}, _dry("cart_mps")),
+    ("cart and pole", {"delay": 0.02}, ("dead-time@force_n",)),
+    ("cart and pole", {"band": 0.8}, ("dead-band@force_n",)),
+    ("cart and pole", {"tilt": 0.5}, ("offset@cart_mps", "bias@force_n")),
+    ("cart and pole", {"sensor": 1, "sensor bias": 0.03}, ("sensor-bias@pole_rad",)),
+    ("ship", {"most per s": 0.03}, ("rate-limit@rudder_rad",)),
+    ("ship", {"wind": 0.01}, ("offset@turn_radps", "bias@rudder_rad")),
+    ("ship", {"drag": 30.0}, ("quadratic-drag@turn_radps",)),
+    ("ship", {"weathervane": 0.02}, ("gravity@turn_radps", "periodic-force@turn_radps")),
+    ("ship", {"sensor": 0, "sensor late": 2.0}, ("sensor-dead-time@heading_rad",)),
+    ("ship", {"sensor": 1, "sensor gain": 1.1}, ("sensor-gain@turn_radps",)),
+    ("car", {"lag": 0.12}, ("lag@steer_rad",)),
+    ("car", {"ratio": 0.88}, ("gain@steer_rad",)),
+    ("car", {"wind": 600.0}, ("offset@slip_mps",)),
+    ("car", {"sensor": 0, "sensor bias": 0.01}, ("sensor-bias@yaw_radps",)),
+    ("car", {"sensor": 0, "sensor gain": 0.9}, ("sensor-gain@yaw_radps",)),
+    ("car", {"sensor": 1, "sensor lag": 0.15}, ("sensor-lag@side_mps2",)),
+    ("roll", {"lag": 0.03}, ("lag@torque_nm",)),
+    ("roll", {"offset": 0.02}, ("offset@rate_radps", "bias@torque_nm")),
+    ("roll", {"drag": 0.01}, ("quadratic-drag@rate_radps",)),
+    ("roll", {"fades per s": 0.02}, ("drift@torque_nm",)),
+    ("roll", {"sensor": 1, "sensor bias": 0.05}, ("sensor-bias@rate_radps",)),
+    ("roll", {"sensor": 0, "sensor late": 0.02}, ("sensor-dead-time@roll_rad",)),
+    ("oven", {"delay": 40.0}, ("dead-time@duty",)),
+    ("oven", {"sensor": 0, "sensor lag": 40.0}, ("sensor-lag@air_k",)),
+    ("diver", {"square": 25.0}, ("quadratic-drag@sink_mps",)),
+    ("diver", {"buoys": 5.0}, ("offset@sink_mps", "bias@thrust_n")),
+    ("diver", {"band": 4.0}, ("dead-band@thrust_n",)),
+    ("diver", {"tether": 4.0}, ("preloaded-spring@sink_mps", "stiffness@sink_mps")),
+    ("diver", {"uneven": 0.2}, ("asymmetry@thrust_n",)),
+    ("diver", {"delay": 0.3}, ("dead-time@thrust_n",)),
+    ("arm", {"first rubs": 0.3}, _dry("first_radps")),
+    ("arm", {"second rubs": 0.1}, _dry("second_radps")),
+    ("arm", {"second gain": 0.85}, ("gain@second_nm",)),
+    ("arm", {"spring": 0.5}, ("stiffness@second_radps",)),
+    ("arm", {"sensor": 1, "sensor bias": 0.05}, ("sensor-bias@second_rad",)),
+    ("arm", {"sensor": 1, "sensor late": 0.03}, ("sensor-dead-time@second_rad",)),
+)
+
+
+def _controlled() -> list[Case]:
+    """Each under its own controller, with nothing hidden first; and a law that no effect has."""
+    plants = tuple(dict.fromkeys(plant for plant, _, _ in _CONTROLLED_HIDDEN))
+    unnamed: tuple[tuple[str, Hidden], ...] = (
+        *((plant, {}) for plant in plants),
+        ("oven", {"radiation": 0.002}),
+    )
+    listed = (*((plant, what, ()) for plant, what in unnamed), *_CONTROLLED_HIDDEN)
+    return [
+        Case(plant, "controlled", what, expected, seed=9000 + k)
+        for k, (plant, what, expected) in enumerate(listed)
+    ]
+
+
+CASES = (*_with_hidden(), *_outside(), *_without(), *_controlled())

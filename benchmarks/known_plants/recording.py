@@ -9,6 +9,7 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.known_plants.controlled import Controlled
 from benchmarks.known_plants.plants import Hidden, Plant
 from wakedeploy.core.recording import Recording
 
@@ -167,3 +168,76 @@ def _noise(rng: np.random.Generator, coloured: bool) -> FloatArray:
         value = _COLOUR * value + float(fresh[k])
         slow[k] = value
     return 0.7 * (white + slow)
+
+
+class Sensors:
+    """What sensors make of what they see: the one at `sensor` may lag, be late, or tell less."""
+
+    def __init__(self, hidden: Hidden, step_s: float, first: list[float]) -> None:
+        self._hidden, self._step_s = hidden, step_s
+        self._place = int(hidden.get("sensor", 0))
+        late = round(hidden.get("sensor late", 0.0) / step_s)
+        self._late = deque([first[self._place]] * (late + 1), maxlen=late + 1)
+        self._lagged = first[self._place]
+
+    def see(self, values: list[float]) -> None:
+        """What is there in the next fine step."""
+        self._late.append(values[self._place])
+        lag = max(self._hidden.get("sensor lag", 0.0), self._step_s)
+        self._lagged += (values[self._place] - self._lagged) * self._step_s / lag
+
+    def read(self, values: list[float]) -> list[float]:
+        """What they show of what is there now, before noise."""
+        h, read = self._hidden, list(values)
+        if "sensor lag" in h:
+            read[self._place] = self._lagged
+        if "sensor late" in h:
+            read[self._place] = self._late[0]
+        read[self._place] *= h.get("sensor gain", 1.0)
+        read[self._place] += h.get("sensor bias", 0.0)
+        return read
+
+
+def controlled(plant: Controlled, hidden: Hidden, seed: int) -> Recording:
+    """A recording of a plant under its controller, which sees no more than the sensors show."""
+    rng = np.random.default_rng(seed)
+    control = plant.controllers(rng, plant.samples)
+    rate, outputs = plant.system.rate_hz, plant.system.outputs
+    step_s = 1.0 / rate / _FINE
+    x = list(plant.start)
+    u = control(0, [0.0] * len(outputs), 1.0 / rate)
+    sensors = Sensors(hidden, step_s, plant.shown(x, u, hidden))
+    late = round(hidden.get("delay", 0.0) / step_s)
+    commands = deque([u] * (late + 1), maxlen=late + 1)
+    rows = []
+    for k in range(plant.samples):
+        noise = [float(o.noise or 0.0) * float(rng.standard_normal()) for o in outputs]
+        pushes = [sd * float(rng.standard_normal()) for sd in plant.pushed]
+        before = sensors.read(plant.shown(x, commands[0], hidden))
+        u = control(k, [a + b for a, b in zip(before, noise, strict=True)], 1.0 / rate)
+        now = sensors.read(plant.shown(x, u if late == 0 else commands[0], hidden))
+        rows.append([*u, *(a + b for a, b in zip(now, noise, strict=True))])
+        for i in range(_FINE):
+            commands.append(u)
+            x = _pushed(plant, x, commands[0], hidden, pushes, k / rate + i * step_s, step_s)
+            sensors.see(plant.shown(x, commands[0], hidden))
+    names = [*(i.name for i in plant.system.inputs), *(o.name for o in outputs)]
+    columns = dict(zip(names, np.array(rows).T, strict=True))
+    return Recording(f"controlled {seed}", np.arange(plant.samples) / rate, columns)
+
+
+def _pushed(
+    plant: Controlled,
+    x: list[float],
+    u: list[float],
+    hidden: Hidden,
+    pushes: list[float],
+    time_s: float,
+    step_s: float,
+) -> list[float]:
+    """A fine step by the midpoint rule."""
+    at = x
+    for share in (0.5, 1.0):
+        rates = plant.rates(at, u, hidden, time_s)
+        at = [v + share * step_s * (r + p) for v, r, p in zip(x, rates, pushes, strict=True)]
+    return at

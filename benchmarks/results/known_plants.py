@@ -20,11 +20,14 @@ def counted(records: Records) -> Section:
     lines.append(_counts("nothing hidden", [r for r in rows if _is_empty(r)]))
     return Section(
         "Plants whose missing effect is known",
-        f"The gap workflow on {len(rows)} recordings of six simulated plants, under drives of "
-        "several kinds, with noise in force, a coloured sensor in half of them, and constants a "
-        "few percent off.",
+        f"The gap workflow on {len(rows)} recordings of simulated plants, with noise in force and "
+        "constants a few percent off. Six plants are small and driven in several ways, half of "
+        "them seen by a coloured sensor. Seven have more sensors, and a controller of their own: a "
+        "pole on a cart, a ship, a car, a copter's roll, an oven, a diver and an arm.",
         paragraphs(
             table(head, lines),
+            "Of these, under a controller of their own:",
+            table(head, _of_controlled(rows)),
             _JUDGEMENTS,
             table(
                 ["plant, drive, what is hidden, sensor", "judged", "named", "strongest alone"],
@@ -38,10 +41,18 @@ def counted(records: Records) -> Section:
 _JUDGEMENTS = (
     "*Right* names what is hidden and nothing else, *class* leaves it among at most three rivals, "
     "*partly* names something else beside it. Where nothing is hidden, *none* is right; where a "
-    "law is that no effect has (a magnet beside the rail, a shaft that shakes), *unknown*. A servo "
+    "law is that no effect has (a magnet beside the rail, a shaft that shakes, a plate that "
+    "shines), *unknown*. A servo "
     "that is linear does not tell a lag of its sensor from one of its command: the first counts "
     "as wrong here where the second is named. All answers with an effect hidden that are not right:"
 )
+
+
+def _of_controlled(rows: Sequence[Row]) -> list[list[str]]:
+    mine = [row for row in rows if ", controlled, " in row["case"]]
+    hidden = [row for row in mine if not _is_empty(row) and not _is_outside(row)]
+    nothing = [row for row in mine if _is_empty(row)]
+    return [_counts("an effect hidden", hidden), _counts("nothing hidden", nothing)]
 
 
 def _is_empty(row: Row) -> bool:
@@ -51,7 +62,7 @@ def _is_empty(row: Row) -> bool:
 
 def _is_outside(row: Row) -> bool:
     """Whether no effect of the library is what was hidden."""
-    return any(f", {law}, " in row["case"] for law in ("magnet", "shaking"))
+    return any(f", {law}, " in row["case"] for law in ("magnet", "shaking", "radiation"))
 
 
 def _judged(row: Row) -> str:

@@ -8,12 +8,14 @@ import pytest
 
 from benchmarks.known_plants.__main__ import answered, judged
 from benchmarks.known_plants.cases import CASES, Case
+from benchmarks.known_plants.controlled import CONTROLLED
 from benchmarks.known_plants.plants import PLANTS
-from benchmarks.known_plants.recording import Path, recorded
+from benchmarks.known_plants.recording import Path, Sensors, controlled, recorded
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.plan import plan
+from wakedeploy.gap.systems.system import Point
 
 
 @pytest.mark.parametrize(
@@ -101,5 +103,54 @@ def test_what_is_held_slewed_rounded_and_uneven():
 def test_cases_are_apart_and_their_ports_exist():
     assert len({case.name for case in CASES}) == len(CASES)
     for case in CASES:
-        ports = {p.name for p in checked(PLANTS[case.plant].system()).ports}
+        plant = CONTROLLED.get(case.plant) or PLANTS[case.plant]
+        ports = {p.name for p in checked(plant.system()).ports}
         assert {name.partition("@")[2] for name in case.expected} <= ports
+
+
+TRUE = {
+    "cart and pole": {"cart_kg": 1.03, "pole_kg": 0.195, "half_m": 0.302, "damping": 0.53},
+    "ship": {"time_s": 21.0, "gain": 0.155},
+    "car": {"mass_kg": 1520.0, "inertia_kgm2": 2440.0, "front": 5.8e4, "rear": 7.2e4},
+    "roll": {"inertia_kgm2": 0.0097},
+    "oven": {"power": 0.51, "passes": 0.0102, "loses": 0.0041},
+    "diver": {"mass_kg": 20.6, "drag": 14.2},
+    "arm": {"first_kg": 1.03, "second_kg": 0.585, "first_damping": 0.11, "second_damping": 0.048},
+}
+
+
+@pytest.mark.parametrize("name", CONTROLLED)
+def test_the_truth_is_the_system_with_its_own_constants_where_nothing_is_hidden(name):
+    """Two ways of writing it: what sensors see, too."""
+    plant, rng = CONTROLLED[name], np.random.default_rng(6)
+    system = checked(plant.system())
+    c = system.values(TRUE[name])
+    for _ in range(20):
+        x = [float(v) for v in rng.uniform(0.1, 1.0, len(plant.start))]
+        u = [float(v) for v in rng.uniform(4.0, 9.0, len(system.inputs))]
+        state = Point("state", dict(zip(system.states, x, strict=False)))
+        inputs = Point("input", dict(zip([i.name for i in system.inputs], u, strict=True)))
+        rates = list(system.rates(state, inputs, c).values())
+        assert plant.rates(x, u, {}, 0.0)[: len(rates)] == pytest.approx(rates)
+        shown = list(system.readings(state, inputs, c).values())
+        assert plant.shown(x, u, {}) == pytest.approx(shown)
+
+
+def test_sensors_lag_are_late_and_tell_less():
+    late = Sensors({"sensor": 1, "sensor late": 0.03}, 0.01, [0.0, 0.0])
+    lagging = Sensors({"sensor": 0, "sensor lag": 0.05}, 0.01, [0.0, 0.0])
+    for k in range(1, 6):
+        late.see([10.0 * k, float(k)])
+        lagging.see([1.0, 5.0])
+    assert late.read([50.0, 5.0]) == [50.0, 2.0]
+    assert lagging.read([1.0, 5.0]) == pytest.approx([1.0 - 0.8**5, 5.0])
+    wrong = Sensors({"sensor": 1, "sensor gain": 1.1, "sensor bias": 0.5}, 0.01, [0.0, 0.0])
+    assert wrong.read([3.0, 2.0]) == pytest.approx([3.0, 2.7])
+
+
+def test_a_controlled_plant_does_what_its_controller_wants():
+    """The pole stays up, and every recording is of the system's own columns."""
+    recording = controlled(CONTROLLED["cart and pole"], {}, 3)
+    assert np.abs(recording.columns["pole_rad"]).max() < 0.2
+    assert np.ptp(recording.columns["cart_m"]) > 0.2
+    assert [*recording.columns] == ["force_n", "cart_m", "pole_rad"]
