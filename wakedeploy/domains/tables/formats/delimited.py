@@ -19,6 +19,7 @@ from typing import IO
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.units import is_known, same_unit
 from wakedeploy.domains.tables.columns import Delimited, Encoding
 from wakedeploy.domains.tables.log import (
     MOST_BYTES,
@@ -37,15 +38,20 @@ _BLOCK = 1 << 15  # rows that are converted at once
 _LONGEST_LINE = 1 << 20
 _COMMENT = "#"  # what lines before a header begin with that are none of the table
 _COMMENTS = (_COMMENT, "%", "//", "!")  # that are looked for
+_MOST_BEFORE = 100  # lines before a table
 _LOOKED_AT = 200  # rows that show how numbers are written
 _LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
 _OF_GZIP = zlib.MAX_WBITS | 16  # as zlib is told that there is a header of gzip
 _NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
 _WITH_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
+_WITHIN_NUMBER = re.compile(r"(?<=[0-9]),(?=[0-9])")
 _WITH_POINT = re.compile(_WITH_COMMA.pattern.replace(",", r"\.", 1))
 _MISSING = {"", "nan", "null", "none", "na", "n/a"}
 _BOOLEAN = {"true": 1.0, "false": 0.0}
 _UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
+
+
+Row = list[str]
 
 
 def open_log(path: Path, csv: Delimited) -> Log:
@@ -64,13 +70,80 @@ def seen_form(path: Path) -> Delimited:
         encoding = _seen_encoding(path)
         with _opened(path, encoding) as file:
             form = Delimited(comment=_stated_comment(file), encoding=encoding)
-        log = DelimitedLog(path, form)
-        rows = list(itertools.islice(log.rows(), _LOOKED_AT))
+        form, log, rows = _from_the_table(path, form)
     except (OSError, EOFError, zlib.error, UnicodeError, UnusableInput):  # who reads it says so
         return Delimited()
     if _has_decimal_commas(rows):
-        return form.model_copy(update={"decimal": ",", "delimiter": log.delimiter})
+        form = form.model_copy(update={"decimal": ",", "delimiter": log.delimiter})
+    if rows and _is_row_of_numbers(log.first, form):
+        return form.model_copy(update={"header": False})
+    if len(rows) > 1 and _is_row_of_units(rows[0], form) and not _is_row_of_units(rows[1], form):
+        return form.model_copy(update={"units_row": True})
     return form
+
+
+def _from_the_table(path: Path, form: Delimited) -> tuple[Delimited, "DelimitedLog", list[Row]]:
+    """The form, with the lines to skip before a table that does not begin in the first one.
+
+    A line before it, as of the instrument and the day, has fewer cells than the table's rows.
+    """
+    whole = DelimitedLog(path, form)
+    shown = list(itertools.islice(whole.rows(), _LOOKED_AT))
+    if not shown or _has_numbers(whole.first, shown):
+        return form, whole, shown
+    widest = 1
+    for skipped in range(1, _MOST_BEFORE):
+        later = form.model_copy(update={"skip_rows": skipped})
+        try:
+            log = DelimitedLog(path, later)
+        except UnusableInput:  # the text ends here
+            break
+        if log.starts_at > skipped + 1:  # a line is blank
+            continue
+        rows = list(itertools.islice(log.rows(), _LOOKED_AT))
+        if len(log.first) > widest and _has_numbers(log.first, rows):
+            return later, log, rows
+        widest = max(widest, len(log.first))
+    return form, whole, shown
+
+
+def _has_numbers(first: Row, rows: Sequence[Row]) -> bool:
+    """Whether rows are as wide as the first, and a column holds numbers, below its unit or not."""
+    if not rows or any(len(row) != len(first) for row in rows[:-1]):
+        return False
+    below = rows[1:] or rows
+    return any(
+        all(_is_number_somehow(row[i]) for row in below if i < len(row)) for i in range(len(first))
+    )
+
+
+def _is_number_somehow(cell: str) -> bool:
+    """Whether it is a number, with a point or a comma, or stands for one that is missing."""
+    plain = cell.strip().lower()
+    return plain in _MISSING or _is_number(plain.replace(",", "."))
+
+
+def _is_row_of_units(cells: Sequence[str], form: Delimited) -> bool:
+    """Whether a row holds units and no number; a dash or an empty cell says that there is none."""
+    texts = [_plain_unit(cell) for cell in cells]
+    named = [text for text in texts if text]
+    return (
+        bool(named)
+        and all(_is_text(text, form) and is_known(text) for text in named)
+        and any(not same_unit(text, "1") for text in named)
+    )
+
+
+def _plain_unit(cell: str) -> str:
+    """A unit without what it stands in: [m/s] and (m/s) are m/s, and - is none."""
+    return cell.strip().strip("[]()").strip().strip("-")
+
+
+def _is_row_of_numbers(cells: Sequence[str], form: Delimited) -> bool:
+    """Whether a first row is one of the table's, not its header; columns may be called 1, 2, 3."""
+    texts = [cell.strip() for cell in cells]
+    places = [[str(i + first) for i in range(len(texts))] for first in (0, 1)]
+    return texts not in places and not any(_is_text(text, form) for text in texts)
 
 
 def _has_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
@@ -110,11 +183,18 @@ class DelimitedLog:
         first = next(rows, None)
         if first is None:
             raise UnusableInput(f"{path}: is empty; give a log with a header and rows.")
-        _, cells = first
+        self.starts_at, cells = first
+        self.first: Row = cells
+        self._lacks_header = form.header and _is_row_of_numbers(cells, form)
+        if self._lacks_header:
+            self.notes.append(
+                f"{path}: its first row, which holds numbers, was taken for names and left out; "
+                "header = false in [csv] reads it"
+            )
         named = [cell.strip() for cell in cells] if form.header else [""] * len(cells)
         self._names = [name or f"#{i}" for i, name in enumerate(named, 1)]
         units = next(rows, (0, []))[1] if form.header and form.units_row else []
-        self._units = dict(zip(self._names, (u.strip() for u in units), strict=False))
+        self._units = dict(zip(self._names, map(_plain_unit, units), strict=False))
         self._example = next(rows, (0, []))[1] if form.header else cells
 
     def fields(self) -> list[Field]:
@@ -165,12 +245,16 @@ class DelimitedLog:
         name, index = indexed(address)
         at = self._position(name)
         if at is None or len(index) != 1:
-            self._require_parted_header(address)
+            self._require_names(address)
             raise missing(self.path, address, self._names)
         return _Cell(address, at, index[0])
 
-    def _require_parted_header(self, address: str) -> None:
-        """UnusableInput for a header that is one name with another delimiter inside."""
+    def _require_names(self, address: str) -> None:
+        """UnusableInput for a header of numbers, or of one name with another delimiter inside."""
+        if self._lacks_header:
+            reason = "is not there: the first row holds numbers, no names"
+            advice = 'write [csv] header = false in columns.toml; "#1" is then the first column'
+            raise refused(self.path, address, reason, advice)
         other = _delimiter(self._names[0])
         if len(self._names) > 1 or other == self.delimiter or other not in self._names[0]:
             return
@@ -397,8 +481,13 @@ def _opened(path: Path, encoding: str) -> IO[str]:
 
 
 def _delimiter(line: str) -> str:
-    """What separates the cells of a line: whatever is there most often, quoted text aside."""
+    """What separates the cells of a line: whatever is there most often, quoted text aside.
+
+    Beside a semicolon or a tab, a comma within a number stands before its decimals.
+    """
     bare = re.sub(r'"[^"]*"', "", line)
+    if ";" in bare or "\t" in bare:
+        bare = _WITHIN_NUMBER.sub("", bare)
     most = max(",;\t", key=bare.count)
     return most if most in bare or len(bare.split()) < 2 else " "
 

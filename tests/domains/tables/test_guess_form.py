@@ -1,0 +1,120 @@
+"""Tables of text as instruments write them: no header, units below it, lines before it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.reading import read_recordings
+
+ROWS = np.column_stack([np.arange(60) / 20.0, np.sin(np.arange(60)), np.cos(np.arange(60))])
+
+
+def text(rows: np.ndarray, delimiter: str, decimal: str = ".") -> str:
+    lines = [delimiter.join(f"{v:.5f}".replace(".", decimal) for v in row) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def read(path: Path) -> tuple[str, np.ndarray]:
+    """What is guessed, and the columns that it gives once each is an output."""
+    guessed = guess_columns(path)
+    known = guessed.replace("rate_hz = 0 ", "rate_hz = 20 ").replace('"unused"', '"output"')
+    (recording,) = read_recordings([path], parse_columns(known)).recordings
+    return guessed, np.column_stack(list(recording.columns.values()))
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+def test_a_table_without_a_header_keeps_its_first_row(delimiter: str, tmp_path: Path) -> None:
+    """Two columns that rise and fall: a first row of numbers was taken for names, and lost."""
+    path = tmp_path / "log.txt"
+    path.write_text(text(ROWS[:, 1:], delimiter))
+    guessed, columns = read(path)
+    assert "header = false" in guessed
+    assert 'column = "#1"' in guessed
+    assert columns == pytest.approx(ROWS[:, 1:], abs=1e-5)
+
+
+def test_a_first_row_of_numbers_that_is_read_as_names_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text(ROWS[:, 1:], ","))
+    plain = 'version = 1\n[time]\nrate_hz = 20\n[columns.q]\ncolumn = {}\nrole = "output"\nunit = "1"\n'
+    by_place, by_name = (parse_columns(plain.format(name)) for name in ('"#2"', '"q"'))
+    (note,) = read_recordings([path], by_place).notes
+    assert "its first row, which holds numbers, was taken for names and left out" in note
+    with pytest.raises(UnusableInput, match=r"first row holds numbers.*header = false"):
+        read_recordings([path], by_name)
+
+
+def test_without_a_header_and_with_decimal_commas(tmp_path: Path) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text(text(ROWS[:, 1:], ";", ","))
+    guessed, columns = read(path)
+    assert "header = false" in guessed
+    assert 'decimal = ","' in guessed
+    assert columns == pytest.approx(ROWS[:, 1:], abs=1e-5)
+
+
+@pytest.mark.parametrize("header", ["0,1,2", "1,2,3", "t,x,2024"])
+def test_columns_may_be_called_by_numbers(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(header + "\n" + text(ROWS, ","))
+    assert "header = false" not in guess_columns(path)
+
+
+@pytest.mark.parametrize(
+    "units", ["s,m,rad/s", "[s],[m],[rad/s]", "(s),(m),(rad/s)", "s,m,-", "s,m,"]
+)
+def test_units_below_the_header_are_the_columns_units(units: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,x,w\n{units}\n" + text(ROWS, ","))
+    guessed, columns = read(path)
+    assert "units_row = true" in guessed
+    assert 'column = "t"\nunit = "s"' in guessed
+    assert 'column = "x"\nrole = "unused"\nunit = "m"' in guessed
+    assert ('unit = "rad/s"' in guessed) is ("rad/s" in units)
+    assert columns == pytest.approx(ROWS[:, 1:], abs=1e-5)
+
+
+def test_words_below_the_header_that_are_no_units_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,x,state\n0,1.5,m\n0.05,1.6,m\n0.1,1.7,s\n")
+    assert "units_row" not in guess_columns(path)
+
+
+@pytest.mark.parametrize(
+    ("before", "skipped"),
+    [
+        ("Instrument 7\nDate 2024/01/02\nOperator,Bob\n\n", 4),
+        ("Rate:;20\nChannels:;2\n", 2),
+        ("A test of the arm\n", 1),
+        ("\n\nA test, of the arm\n", 3),
+    ],
+)
+@pytest.mark.parametrize("header", ["Time (s),Pos (mm),Speed (m/s)\n", ""])
+def test_lines_before_a_table_are_skipped(
+    before: str, skipped: int, header: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(before + header + text(ROWS, ","))
+    guessed, columns = read(path)
+    assert f"skip_rows = {skipped}" in guessed
+    in_si = [1e-3, 1.0] if header else 1.0
+    assert columns[:, -2:] == pytest.approx(ROWS[:, 1:] * in_si, abs=1e-5)
+    assert ("header = false" in guessed) is not bool(header)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "name,state,x\n" + "arm,ok,nan\n" * 30 + "1,2,3\n3,4,5\n",  # numbers far below
+        "t,x\n" + text(ROWS[:, :2], ","),
+        "t,list\n0,[1 2]\n1,[3 4]\n",
+    ],
+)
+def test_a_table_that_begins_in_the_first_line_loses_none(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(content)
+    assert "skip_rows" not in guess_columns(path)
