@@ -40,7 +40,9 @@ def test_a_table_without_a_header_keeps_its_first_row(delimiter: str, tmp_path: 
 def test_a_first_row_of_numbers_that_is_read_as_names_is_told(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(text(ROWS[:, 1:], ","))
-    plain = 'version = 1\n[time]\nrate_hz = 20\n[columns.q]\ncolumn = {}\nrole = "output"\nunit = "1"\n'
+    plain = (
+        'version = 1\n[time]\nrate_hz = 20\n[columns.q]\ncolumn = {}\nrole = "output"\nunit = "1"\n'
+    )
     by_place, by_name = (parse_columns(plain.format(name)) for name in ('"#2"', '"q"'))
     (note,) = read_recordings([path], by_place).notes
     assert "its first row, which holds numbers, was taken for names and left out" in note
