@@ -50,6 +50,34 @@ def test_a_first_row_of_numbers_that_is_read_as_names_is_told(tmp_path: Path) ->
         read_recordings([path], by_name)
 
 
+@pytest.mark.parametrize("name", ["flight.log", "nameless", "run.2024-01-02"])
+def test_a_table_of_text_is_one_under_any_name(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text("t,x,v\n" + text(ROWS, ","))
+    _, columns = read(path)
+    assert columns == pytest.approx(ROWS[:, 1:], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.xlsx", b"PK\x03\x04 a sheet", "is a spreadsheet; save its sheet as CSV"),
+        ("a.bag", b"#ROSBAG V2.0\n", "rosbags-convert --src .*a.bag --dst FOLDER"),
+        ("a.jsonl", b'{"t": 0}\n', "is JSON; write it as CSV"),
+        ("a.pkl", b"\x80\x04\x95", "is a pickle, which is a program"),
+        ("a.strange", b'{"t": 0}\n', "is no log of a kind that is known"),
+        ("a.strange", b"<log>\n</log>\n", "is no log of a kind that is known"),
+        ("a.strange", b"\x00\x01\x02\n", "is no log of a kind that is known"),
+    ],
+)
+def test_a_file_of_another_kind_says_how_to_convert_it(
+    name: str, content: bytes, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UnusableInput, match=said):
+        guess_columns(tmp_path / name)
+
+
 def test_without_a_header_and_with_decimal_commas(tmp_path: Path) -> None:
     path = tmp_path / "log.txt"
     path.write_text(text(ROWS[:, 1:], ";", ","))

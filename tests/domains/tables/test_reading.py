@@ -643,7 +643,7 @@ def test_a_columns_file_is_refused_by_entry_and_bound(
 
 
 def test_a_column_that_is_not_there_is_answered_with_the_near_ones(tmp_path: Path) -> None:
-    path = tmp_path / "log.json"
+    path = tmp_path / "log.strange"
     path.write_text(json.dumps([1]), "utf-8")
     with pytest.raises(UnusableInput, match="is no log of a kind that is known; give CSV"):
         one(path, BASE + U)

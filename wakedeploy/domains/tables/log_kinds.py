@@ -22,6 +22,24 @@ _MAGIC = {
     b"\x89MCAP0": "mcap", b"SQLite": "rosbag", b"ULog\x01": "ulog",
 }  # fmt: skip
 
+_SPREADSHEET = "is a spreadsheet; save its sheet as CSV"
+_JSON = "is JSON; write it as CSV, as by pandas.read_json(…).to_csv(…)"
+_FOREIGN = {  # what people have besides, by how a name ends, and what to do
+    ".xlsx": _SPREADSHEET, ".xls": _SPREADSHEET, ".xlsm": _SPREADSHEET, ".ods": _SPREADSHEET,
+    ".bag": "is a bag of ROS 1; rosbags-convert --src {} --dst FOLDER makes one of rosbag2",
+    ".json": _JSON, ".jsonl": _JSON, ".ndjson": _JSON,
+    ".tdms": "is TDMS of LabVIEW; write it as CSV, as by nptdms.TdmsFile(…).as_dataframe()",
+    ".mf4": "is MDF; export it as CSV or Parquet, as by asammdf",
+    ".mdf": "is MDF; export it as CSV or Parquet, as by asammdf",
+    ".npy": "is an array without names; give each column one, by np.savez(…, t=…, q=…)",
+    ".pkl": "is a pickle, which is a program; write CSV, as by DataFrame.to_csv(…)",
+    ".pickle": "is a pickle, which is a program; write CSV, as by DataFrame.to_csv(…)",
+    ".feather": "is Feather; write Parquet, as by pandas.read_feather(…).to_parquet(…)",
+    ".bin": "is a log of its own kind; convert it with the program that wrote it, to CSV",
+    ".tlog": "is a log of MAVLink; convert it, as by mavlogdump.py --format csv",
+}  # fmt: skip
+_TEXT_BYTES = 4096  # of a file without a known name that show whether it is text
+
 
 def open_log(path: Path, csv: Delimited) -> Log:
     """Open a log of any kind that is known; UnusableInput says which kinds there are."""
@@ -49,6 +67,8 @@ def _format(path: Path) -> str:
     by_name = _FORMATS.get(suffixes[-1] if suffixes else "")
     if suffixes[-1:] == [".gz"] and len(suffixes) > 1:
         by_name = "delimited" if _FORMATS.get(suffixes[0]) == "delimited" else None
+    if by_name is None and suffixes and suffixes[-1] in _FOREIGN:
+        raise UnusableInput(f"{path}: {_FOREIGN[suffixes[-1]].format(path)}.")
     found = by_name or _by_first_bytes(path)
     if found is None:
         known = "CSV (.gz), Parquet, npz, HDF5, MATLAB, MCAP, rosbag2 or ULog"
@@ -59,7 +79,15 @@ def _format(path: Path) -> str:
 def _by_first_bytes(path: Path) -> str | None:
     try:
         with path.open("rb") as file:
-            first = file.read(8)
+            first = file.read(_TEXT_BYTES)
     except OSError as error:
         raise unreadable(path, error) from error
-    return next((kind for magic, kind in _MAGIC.items() if first.startswith(magic)), None)
+    known = next((kind for magic, kind in _MAGIC.items() if first.startswith(magic)), None)
+    return known or ("delimited" if _is_table_of_text(first) else None)
+
+
+def _is_table_of_text(begin: bytes) -> bool:
+    """Whether a file begins as a table of text does, whatever its name: no JSON, XML or program."""
+    text = begin.decode("latin-1").lstrip()
+    printed = all(c.isprintable() or c in "\r\n\t" for c in text)
+    return printed and bool(text) and text[0] not in "{[<" and "\n" in text
