@@ -9,6 +9,7 @@ import html
 import itertools
 import json
 import math
+import pickle
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -30,9 +31,10 @@ from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES, sealed_count
 from wakedeploy.gap.search.artefacts import Place
-from wakedeploy.gap.systems.gantry.artefacts import Result
+from wakedeploy.gap.systems.gantry.artefacts import Find, Log, Result, Unflown
 from wakedeploy.gap.systems.gantry.find_name_add_show import add, open_case
 from wakedeploy.gap.systems.gantry.findings import Leading, Ranked
+from wakedeploy.gap.systems.gantry.flight import NotFlown
 from wakedeploy.gap.systems.gantry.folder import read_steps, write
 from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.places import places_sentence
@@ -447,7 +449,7 @@ def test_a_log_without_a_flight_is_left_out_and_said_to_be(flights, tmp_path) ->
     sentence = "Left out: failed.mcap, only 3.6 s in the air"
     assert all(sentence in run.stderr for run in runs)
     found = json.loads((out / "find.json").read_text())
-    assert [log["path"] for log in found["unflown"]] == [str(short)]
+    assert [(log["path"], log["seed"]) for log in found["unflown"]] == [(str(short), 1)]
     assert found["split"]["fit"] == [log["path"] for log in found["logs"]] == [str(flown)]
     steps = read_steps(out)
     assert steps.flights == 1
@@ -457,7 +459,20 @@ def test_a_log_without_a_flight_is_left_out_and_said_to_be(flights, tmp_path) ->
 
 
 def test_logs_that_all_hold_no_flight_are_refused(flights, tmp_path) -> None:
-    short = tmp_path / "failed.mcap"
-    record(RIG, seconds=5, seed=1).without_truth().write_mcap(short)
-    with pytest.raises(UnusableInput, match=r"failed\.mcap: only 3.6 s in the air"):
-        open_case(flights["rig"][0], [short], thresholds=LIMITS)
+    short, again = tmp_path / "failed.mcap", tmp_path / "again.mcap"
+    for seed, path in enumerate((short, again), 1):
+        record(RIG, seconds=5, seed=seed).without_truth().write_mcap(path)
+    told = r"failed\.mcap: only 3.6 s in the air; .*, and 1 other log no flight either\."
+    with pytest.raises(UnusableInput, match=told):
+        open_case(flights["rig"][0], [short, again], thresholds=LIMITS)
+
+
+def test_the_error_of_a_log_without_a_flight_comes_back_from_a_process() -> None:
+    """As it was raised: exceptions are pickled on their way."""
+    error = pickle.loads(pickle.dumps(NotFlown("a.mcap: it never flew.", "it never flew", 7)))
+    assert (str(error), error.why, error.seed) == ("a.mcap: it never flew.", "it never flew", 7)
+
+
+def test_a_failed_start_has_used_up_its_seed() -> None:
+    logs = [Log(path="a", sha256="", seed=60)]
+    assert Find(logs=logs, unflown=[Unflown(path="b", why="", seed=61)]).next_seed == 62

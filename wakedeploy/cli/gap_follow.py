@@ -53,7 +53,7 @@ def follow(
         wakedeploy gap follow --out gap --measured gap/flown/*.mcap
     """  # fmt: skip
     from wakedeploy.cli.log_lines import stages
-    from wakedeploy.cli.output import write_json
+    from wakedeploy.cli.output import warn, write_json
     from wakedeploy.gap.folder import at_work
     from wakedeploy.gap.systems.gantry import follow_up as after
 
@@ -68,7 +68,9 @@ def follow(
                 return
             progress(f"flying {planned.name}, {planned.flights} times")
             logs = after.flown(out, question, planned, _virtual(question, plant_rig, hooks))
-        followed = after.answered_again(out, question, logs, workers=workers, progress=progress)
+        followed = after.answered_again(
+            out, question, logs, workers=workers, progress=progress, warn=warn
+        )
     click.echo(f"Before: {followed.before.headline}")
     click.echo(f"Now: {followed.after.headline}")
     if not followed.is_settled:

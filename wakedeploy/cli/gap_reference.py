@@ -46,8 +46,8 @@ def reference(
         wakedeploy gap close --rig reference/rig.toml --measured flight*.mcap --out gap
     """  # fmt: skip
     from wakedeploy.cli.log_lines import stages
-    from wakedeploy.cli.output import write_json
-    from wakedeploy.gap.systems.gantry.flight import unflown_sentence, usable_flights
+    from wakedeploy.cli.output import warn, write_json
+    from wakedeploy.gap.systems.gantry.flight import usable_flights
     from wakedeploy.gap.systems.gantry.reference.corrected import corrected
     from wakedeploy.gap.systems.gantry.reference.learning import learn
     from wakedeploy.gap.systems.gantry.reference.summary import as_json
@@ -55,17 +55,17 @@ def reference(
 
     rig = read_rig(rig_path)
     flights, unflown = usable_flights(measured, rig)
+    for log in unflown:
+        warn(log.sentence)
     with stages() as progress:
         learned = learn(rig, flights, progress)
-    content = as_json(learned) | {"unflown": unflown}
+    content = as_json(learned) | {"unflown": [log.model_dump() for log in unflown]}
     new = corrected(learned)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "reference.json", content)
     new.write(out / "rig.toml")
     for sentence in content["sentences"]:
         click.echo(sentence)
-    for name, why in unflown.items():
-        click.echo(unflown_sentence(name, why))
     click.echo(f"Wrote {out / 'rig.toml'}: give it as --rig from now on.")
     if json_path is not None:
         write_json(json_path, content)

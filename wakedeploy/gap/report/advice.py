@@ -64,7 +64,7 @@ def _fly_more(find: Find) -> Advice:
     """The flights that are missing, each with a seed that no log has."""
     flights = len(find.logs)
     more = FEWEST_IN_ALL - flights
-    first = max((log.seed for log in find.logs if log.seed is not None), default=0) + 1
+    first = find.next_seed
     why = f"fly {more} more, {'with another seed' if more == 1 else 'each with another seed'}"
     again = f"then `wakedeploy gap close` again with all {FEWEST_IN_ALL} behind --measured"
     if unconfirmed(flights):

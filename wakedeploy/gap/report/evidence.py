@@ -38,7 +38,6 @@ from wakedeploy.gap.systems.gantry.findings import (
     Retraining,
     Sized,
 )
-from wakedeploy.gap.systems.gantry.flight import unflown_sentence
 from wakedeploy.gap.wording import (
     confidence,
     counted,
@@ -334,7 +333,7 @@ def _bent(summary: Summary) -> list[str]:
 
 def _doubts(summary: Summary) -> list[str]:
     """What the flights leave open, or what had to be assumed of them, each said once."""
-    sentences = [unflown_sentence(log.path, log.why) for log in summary.unflown]
+    sentences = [log.sentence for log in summary.unflown]
     for doubt in dict.fromkeys(note for log in summary.logs for note in log.notes):
         names = [Path(log.path).name for log in summary.logs if doubt in log.notes]
         where = "every flight" if len(names) == len(summary.logs) else listed(names)

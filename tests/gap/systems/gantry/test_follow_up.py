@@ -10,6 +10,7 @@ from tests.gap.fabricated_artefacts import NAMES, fabricate, leave
 from wakedeploy.cli import main
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.runlog import read_run_log
+from wakedeploy.domains.gantry import record
 from wakedeploy.gap.systems.gantry import follow_up
 from wakedeploy.gap.systems.gantry.planning.manoeuvres import menu
 from wakedeploy.gap.systems.gantry.planning.plan import Option, Plan
@@ -80,11 +81,22 @@ def test_a_rigs_class_is_told_what_to_fly_and_takes_its_logs(folder, tmp_path) -
     assert "--reference" in said
     assert (out / "manoeuvre.csv").is_file()
     assert not asked
-    log = tmp_path / "new.mcap"
-    log.touch()
-    done = CliRunner().invoke(main, ["gap", "follow", "--out", str(out), "--measured", str(log)])
+    log, failed = tmp_path / "new.mcap", tmp_path / "failed.mcap"
+    for path, seconds in ((log, 8.0), (failed, 5.0)):
+        record(default_rig(), seconds=seconds, seed=9).without_truth().write_mcap(path)
+    given = ["gap", "follow", "--out", str(out), "--measured", str(failed)]
+    done = CliRunner().invoke(main, given)
+    assert done.exit_code == 2
+    assert "s in the air" in done.stderr
+    assert not asked  # nothing new was flown: the same search would say the same
+    done = CliRunner().invoke(main, [*given, str(log)])
     assert done.exit_code == 0, done.output
-    assert asked[0][1][0] == log
+    assert "Left out: failed.mcap" in done.stderr
+    assert [path.name for path in asked[0][1]] == [
+        "new.mcap",
+        *(f"flight{i}.mcap" for i in range(7)),
+    ]
+    assert json.loads((out / "follow.json").read_text())["new_logs"] == [str(log)]
 
 
 def test_of_an_unknown_the_leading_effects_are_told_apart(tmp_path) -> None:

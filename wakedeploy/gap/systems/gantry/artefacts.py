@@ -6,6 +6,7 @@ its form and the rules by which it was decided.
 """
 
 import math
+from pathlib import Path
 from typing import Any
 
 from pydantic import Field
@@ -67,10 +68,19 @@ class Log(Part):
 
 
 class Unflown(Part):
-    """A log that is left out, as it holds no flight or too short a one, and why."""
+    """A log that is left out, as it holds no flight or too short a one, and why.
+
+    `seed` is that of a simulated flight.
+    """
 
     path: str
     why: str
+    seed: int | None = None
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        return f"Left out: {Path(self.path).name}, {self.why}."
 
 
 class Split(Part):
@@ -117,6 +127,12 @@ class Find(Artefact):
     noise_floor: dict[str, Quantity] = {}
     least_residual: dict[str, Quantity] = {}
     sentence: str = ""
+
+    @property
+    def next_seed(self) -> int:
+        """A seed that no simulated flight had, and no start that failed."""
+        seeds = [log.seed for log in self.logs] + [log.seed for log in self.unflown]
+        return max((seed for seed in seeds if seed is not None), default=0) + 1
 
 
 class Name(Artefact, Answer):
@@ -211,6 +227,7 @@ class Result(Artefact, Told):
 
     where: list[Place] = []
     headline: str = ""
+    unflown: list[Unflown] = []
 
 
 class Summary(Told):

@@ -7,8 +7,8 @@ and go on.
 
 import functools
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,7 @@ from wakedeploy.gap.rules import sealed_count
 from wakedeploy.gap.search.places import forbids_none
 from wakedeploy.gap.systems.gantry.artefacts import Add, Find, Log, Name, Show, Split, Unflown
 from wakedeploy.gap.systems.gantry.findings import Retraining, Sized
-from wakedeploy.gap.systems.gantry.flight import Flight, unflown_sentence, usable_flights
+from wakedeploy.gap.systems.gantry.flight import Flight, usable_flights
 from wakedeploy.gap.systems.gantry.folder import (
     forget,
     read_steps,
@@ -61,7 +61,7 @@ class Case:
     """A rig file and its flights; nothing is fitted to the sealed ones.
 
     `is_simulated` says that the thresholds are this rig's own; `rig_path` is where its file lies;
-    `unflown` says of each log that is left out why.
+    `unflown` are the logs that are left out.
     """
 
     rig: Rig
@@ -70,7 +70,7 @@ class Case:
     thresholds: Thresholds
     is_simulated: bool = True
     rig_path: Path | None = None
-    unflown: Mapping[str, str] = field(default_factory=dict)
+    unflown: tuple[Unflown, ...] = ()
 
     @property
     def in_sample(self) -> bool:
@@ -112,8 +112,8 @@ def open_case(
     """
     rig = read_rig(rig_path)
     flights, unflown = usable_flights(measured, rig)
-    for log, why in unflown.items():
-        warn(unflown_sentence(log, why))
+    for log in unflown:
+        warn(log.sentence)
     split = len(flights) - sealed_count(len(flights))
 
     steps = functools.partial(progress, "simulating this rig's thresholds, once")
@@ -122,7 +122,7 @@ def open_case(
         known = thresholds_for(rig, workers=workers, progress=steps)
     fitted, sealed = tuple(flights[:split]), tuple(flights[split:])
     shown = known or UNSIMULATED
-    return Case(rig, fitted, sealed, shown, known is not None, rig_path, unflown)
+    return Case(rig, fitted, sealed, shown, known is not None, rig_path, tuple(unflown))
 
 
 def find(case: Case, out: Path, progress: Progress = quiet) -> Find:
@@ -135,7 +135,7 @@ def find(case: Case, out: Path, progress: Progress = quiet) -> Find:
         "rig": None if case.rig_path is None else str(case.rig_path),
         "rig_sha256": case.rig.sha256,
         "logs": [_log(flight) for flight in (*case.flights, *case.sealed)],
-        "unflown": [Unflown(path=path, why=why) for path, why in case.unflown.items()],
+        "unflown": list(case.unflown),
         "split": Split(fit=[f.name for f in case.flights], sealed=[f.name for f in case.sealed]),
     }
     forget(out, "find")

@@ -20,8 +20,10 @@ from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Rig
 from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.core.runlog_columns import FLYING
+from wakedeploy.gap.systems.gantry.artefacts import Unflown
 from wakedeploy.gap.systems.gantry.plausibility import require_plausible, told_of_columns
 from wakedeploy.gap.systems.gantry.servo_frames import Frames, frames_of
+from wakedeploy.gap.wording import counted
 from wakedeploy.physics.effects.acting import TAKEN_OFF
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.physics.series import filtered, smoothed, spooled_thrust
@@ -126,35 +128,36 @@ class Flight:
 
 
 class NotFlown(UnusableInput):
-    """A log of the rig that holds no flight, or too short a one; `why` says it without its name."""
+    """A log of the rig that holds no flight, or too short a one.
 
-    def __init__(self, name: str, why: str) -> None:
-        super().__init__(f"{name}: {why}.")
-        self.why = why
+    `why` says it without the log's name; `seed` is that of a simulated flight.
+    """
+
+    def __init__(self, sentence: str, why: str = "", seed: int | None = None) -> None:
+        super().__init__(sentence)
+        self.why, self.seed = why, seed
 
 
-def usable_flights(paths: Sequence[Path], rig: Rig) -> tuple[list[Flight], dict[str, str]]:
-    """The flights in the given order, and why each log that holds none is left out, by its name.
+def usable_flights(paths: Sequence[Path], rig: Rig) -> tuple[list[Flight], list[Unflown]]:
+    """The flights in the given order, and the logs that hold none, each with the reason.
 
     A motor test or a start that failed says nothing of the wake, and should not cost the flights
     beside it. UnusableInput if no log holds a flight, or one cannot be used for another reason.
     """
     flights: list[Flight] = []
-    unflown: dict[str, NotFlown] = {}
+    unflown: list[Unflown] = []
     for path in _given(paths):
         try:
             flights.append(_read_flight(path, rig))
         except NotFlown as error:
-            unflown[str(path)] = error
+            unflown.append(Unflown(path=str(path), why=error.why, seed=error.seed))
     if not flights:
-        raise next(iter(unflown.values()))
+        first = f"{unflown[0].path}: {unflown[0].why}"
+        others = len(unflown) - 1
+        more = f", and {counted(others, 'other log')} no flight either" if others else ""
+        raise UnusableInput(f"{first}{more}.")
     _require_each_once(flights)
-    return flights, {name: error.why for name, error in unflown.items()}
-
-
-def unflown_sentence(name: str, why: str) -> str:
-    """Which log was left out, and why."""
-    return f"Left out: {Path(name).name}, {why}."
+    return flights, unflown
 
 
 def read_flights(paths: Sequence[Path], rig: Rig) -> list[Flight]:
@@ -192,7 +195,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
     notes = _checked_clock(t_s, name)
     flying = np.isin(log["mode"], FLYING)
     if flying.sum() < 2:
-        raise NotFlown(name, "it never flew (no tick is RUNNING or DEGRADED)")
+        raise _not_flown(name, log, "it never flew (no tick is RUNNING or DEGRADED)")
     for column in ("steps", "source_cmd_us", "sufferer_cmd_us"):
         if not np.isfinite(log[column][flying]).any():
             raise UnusableInput(f"{name}: {column} is empty; nothing can be simulated without it.")
@@ -463,14 +466,19 @@ def _censored_mean(reading_m: FloatArray, noise_m: float) -> tuple[float, float,
     return mean, variance + _REST_SD_M**2, False
 
 
+def _not_flown(name: str, log: RunLog, why: str) -> NotFlown:
+    return NotFlown(f"{name}: {why}.", why, _seed(log.metadata))
+
+
 def _references(log: RunLog, fresh: npt.NDArray[np.bool_]) -> FloatArray:
     return np.stack([log[name][fresh] for name in ("z_ref_m", "x_ref_m", "source_cmd_us")])
 
 
 def _require_content(flight: Flight, log: RunLog, flying: npt.NDArray[np.bool_]) -> None:
     if flight.airborne_s < SHORTEST_S:
-        raise NotFlown(
+        raise _not_flown(
             flight.name,
+            log,
             f"only {flight.airborne_s:.1f} s in the air; at least {SHORTEST_S:g} s are needed, "
             "20 s are good",
         )

@@ -10,12 +10,14 @@ from pathlib import Path
 
 from pydantic import Field
 
+from wakedeploy.core.caller import Warn, unsaid
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import json_text, write_text_whole
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Part
 from wakedeploy.gap.systems.gantry.artefacts import Find, Result
+from wakedeploy.gap.systems.gantry.flight import usable_flights
 from wakedeploy.gap.systems.gantry.folder import StepArtefacts, read_steps
 from wakedeploy.gap.systems.gantry.planning.plan import (
     Option,
@@ -107,7 +109,7 @@ def what_is_open(folder: Path) -> Open:
         paths,
         Path(str(find.rig)),
         all(log.simulated for log in find.logs),
-        max((log.seed for log in find.logs if log.seed is not None), default=0) + 1,
+        find.next_seed,
         _short(steps.result),
     )
 
@@ -176,11 +178,17 @@ def answered_again(
     thresholds: Thresholds | None = None,
     report: bool = True,
     progress: Progress = quiet,
+    warn: Warn = unsaid,
 ) -> Followed:
     """The answer from all flights, the new ones first; writes `follow.json`.
 
     The last of the earlier flights stay sealed: they have confirmed nothing of the new answer.
+    `warn` is called for each new log that holds no flight; UnusableInput if none holds one.
     """
+    flights, unflown = usable_flights(new, rig_of(question))
+    for log in unflown:
+        warn(log.sentence)
+    new = [Path(flight.name) for flight in flights]
     logs = [*new, *question.logs]
     result = close(
         *(question.rig_path, logs, folder),

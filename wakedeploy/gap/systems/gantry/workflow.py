@@ -127,6 +127,7 @@ def result(case: Case, out: Path) -> Result:
             **content,
             members=[] if steps.name is None else _members(steps.name),
             where=[] if steps.find is None else steps.find.places,
+            unflown=[] if steps.find is None else steps.find.unflown,
             plan=None if steps.name is None else planned(steps.name.rivals, steps.name, out),
             flights=len(case.flights) + len(case.sealed),
         ),
