@@ -46,7 +46,7 @@ def folder(tmp_path_factory):
     return path
 
 
-def _corrected(folder, coefficient):
+def _corrected(folder, coefficient, unit="N/(m/s)"):
     system = read_system(folder / "my_robot.py")
     model = LogModel(system, [read_plain(folder / "log.csv", system)])
     document = Document(
@@ -55,7 +55,13 @@ def _corrected(folder, coefficient):
         sample_s=model.dt_s,
         span_s=model.span_s,
         sizes=model.sizes,
-        effect=(Named(name="viscous-friction@speed_mps", parameters={"coefficient": coefficient}),),
+        effect=(
+            Named(
+                name="viscous-friction@speed_mps",
+                parameters={"coefficient": coefficient},
+                units={"coefficient": unit},
+            ),
+        ),
     )
     write_correction(Correction(document), folder / "correction.toml")
     return type(system)
@@ -133,11 +139,26 @@ def test_init_warns_of_joints_that_an_equality_holds(tmp_path):
     assert "joints a and b are held by an equality" in told.stderr
 
 
+def test_a_correction_of_another_unit_or_of_a_port_that_is_gone_is_refused(folder):
+    """A port that is now like an input has its forces in that input's unit, not in m/s²."""
+    cls = _corrected(folder, 0.8, "1/s")
+    log = read_plain(folder / "log.csv", cls())
+    corrected = cls.corrected(folder / "correction.toml")
+    told = (
+        r"'coefficient' of 'viscous-friction@speed_mps' in 1/s, and the system has it in N/\(m/s\)"
+    )
+    with pytest.raises(UnusableInput, match=told):
+        corrected.simulate(log)
+    cls.ports = [port for port in cls.ports if port.role != "force"]
+    with pytest.raises(UnusableInput, match="'viscous-friction@speed_mps', which no port offers"):
+        cls.corrected(folder / "correction.toml").simulate(log)
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("version = 5\n", "system"),
-        ('version = 5\nsystem = "Other"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "not 'MyRobot'"),
+        ("version = 6\n", "system"),
+        ('version = 6\nsystem = "Other"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "not 'MyRobot'"),
         ('version = 1\nsystem = "MyRobot"\nsample_s = 1\nspan_s = 1\n[sizes]\n', "version 1; this"),
         ("version = = 1\n", "correction"),
     ],

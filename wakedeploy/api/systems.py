@@ -26,7 +26,7 @@ from wakedeploy.gap.systems.answers.next_commands import next_commands
 from wakedeploy.gap.systems.answers.words import first_screen, next_step, remarks
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
-from wakedeploy.gap.systems.coupled_forces import coupled_forces
+from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
@@ -151,7 +151,8 @@ def take(
                 *misread(model),
                 *cut_outputs(model),
                 *hung_outputs(model),
-                *coupled_forces(model.system),
+                *coupled_forces(model),
+                *bent_inputs(model),
                 *own_notes(model),
             ):
                 warn(note)

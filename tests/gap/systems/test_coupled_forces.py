@@ -14,7 +14,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.checks import checked
-from wakedeploy.gap.systems.coupled_forces import coupled_forces
+from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.kinds.library import force_unit
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.sensitivity import column_notes
@@ -98,6 +98,23 @@ def test_a_port_beside_those_like_an_input_moves_its_own_state():
     assert rises == pytest.approx(dict.fromkeys(Arm.states, 0.0) | {"elbow_radps": 2.0})
 
 
+@pytest.mark.parametrize("thrust", [lambda u: u**2, lambda u: np.maximum(np.abs(u) - 25.0, 0.0)])
+def test_an_input_that_pushes_only_within_its_limits_is_one(thrust):
+    """A rotor's speed, or pulses with a dead band: at small or negative ones nothing is pushed."""
+
+    class Rotor(System):
+        rate_hz = 100.0
+        inputs = [Input("rotor", "rad/s", low=0.0, high=1000.0)]
+        states = {"climb_mps": "m/s"}
+        outputs = [Output("climb_mps", "m/s")]
+        ports = [Port.force("climb_mps", like="rotor")]
+
+        def derivative(self, state, inputs, c):
+            return {"climb_mps": thrust(inputs.rotor) - 9.81}
+
+    assert checked(Rotor()).takes_forces
+
+
 @pytest.mark.parametrize(
     ("like", "changes", "said"),
     [
@@ -105,13 +122,20 @@ def test_a_port_beside_those_like_an_input_moves_its_own_state():
         (
             "shoulder_nm",
             {"derivative": lambda s, x, u, c: dict.fromkeys(Arm.states, 0.0 - u.shoulder_nm)},
-            "more of which does not push it forward",
+            "more of which never pushes it forward",
         ),
         ("shoulder_nm", {"derivative_under": Arm.derivative}, "there is a derivative_under"),
+        ("shoulder_nm", {"inertia": "first_kg"}, "leave out inertia='first_kg'"),
+        ("shoulder_nm", {"unit": "N"}, "leave out unit='N'"),
+        ("shoulder_nm", {"friction": "first_kg"}, "its friction 'first_kg' is in kg"),
+        ("shoulder_nm", {"second": True}, "another port acts at 'shoulder_radps', too"),
     ],
 )
-def test_an_input_that_a_force_cannot_be_like_is_refused(like, changes, said):
-    ports = [Port.force("shoulder_radps", like=like)]
+def test_what_a_force_cannot_be_like_is_refused(like, changes, said):
+    of_port = {n: v for n, v in changes.items() if n in ("inertia", "unit", "friction")}
+    ports = [Port.force("shoulder_radps", like=like, **of_port)]
+    ports += [Port.force("shoulder_radps")] * ("second" in changes)
+    changes = {n: v for n, v in changes.items() if n.startswith("derivative")}
     with pytest.raises(UnusableInput, match=said):
         checked(type("Arm", (Arm,), {"ports": ports, **changes})())
 
@@ -183,27 +207,193 @@ class Thrust(System):
         }
 
 
+def logged(system, size: float = 1.0) -> LogModel:
+    """Logs of inputs and outputs at random: they show which poses and commands there are."""
+    rng, n = np.random.default_rng(2), 400
+    columns = {c.name: size * rng.standard_normal(n) for c in (*system.inputs, *system.outputs)}
+    return LogModel(checked(system()), [Recording("log", np.arange(n) / system.rate_hz, columns)])
+
+
+def asked(system, size: float = 1.0) -> list[str]:
+    return coupled_forces(logged(system, size))
+
+
 def test_a_motor_alone_that_moves_coupled_masses_is_asked_about():
-    (note,) = coupled_forces(checked(CartAndPole()))
+    (note,) = asked(CartAndPole)
     assert note.startswith("force_n moves cart_mps and pole_radps together")
     assert 'Port.force("cart_mps", like="force_n")' in note
-    ports = [Port.force("cart_mps", like="force_n"), CartAndPole.ports[1]]
-    assert coupled_forces(checked(type("Cart", (CartAndPole,), {"ports": ports})())) == []
 
 
 @pytest.mark.parametrize("system", [unlike(Arm), Geared])
 def test_ports_of_coupled_masses_that_do_not_say_so_are_asked_about(system):
-    (note,) = coupled_forces(checked(system()))
-    assert "shoulder_nm and elbow_nm each move shoulder_radps and elbow_radps together" in note
+    (note,) = asked(system)
+    assert "shoulder_nm and elbow_nm move shoulder_radps and elbow_radps together" in note
     for speed, motor in JOINTS:
         assert f'Port.force("{speed}", like="{motor}")' in note
 
 
+@pytest.mark.parametrize("ports", [Arm.ports[2:3], Arm.ports[3:]])
+def test_a_port_that_was_forgotten_is_asked_about_alone(ports):
+    """Beside one that says it, and where the other joint has none."""
+    (forgotten,) = [port for port in Arm.ports[2:] if port not in ports]
+    for kept in (ports, []):
+        changed = type("Arm", (Arm,), {"ports": [*kept, replace(forgotten, like="")]})
+        (note,) = asked(changed)
+        assert note.count("Port.force(") == 1
+        assert f'Port.force("{forgotten.name}", like="{forgotten.like}")' in note
+
+
+def test_of_a_motor_that_turns_the_other_way_another_way_is_told():
+    class Reversed(unlike(Arm)):
+        def derivative(self, state, inputs, c):
+            given = {"shoulder_nm": inputs.shoulder_nm, "elbow_nm": 0.0 - inputs.elbow_nm}
+            return super().derivative(state, Point("input", given), c)
+
+    (note,) = asked(Reversed)
+    assert 'by Port.force("shoulder_radps", like="shoulder_nm") and by a derivative_under' in note
+
+
+class Limited(unlike(Arm)):
+    """An arm whose model limits its torques, which is seen at what was commanded."""
+
+    def derivative(self, state, inputs, c):
+        given = {i.name: np.clip(getattr(inputs, i.name), -0.3, 0.3) for i in self.inputs}
+        return super().derivative(state, Point("input", given), c)
+
+
+def test_limits_and_ranges_of_a_model_are_no_hindrance():
+    assert len(asked(Limited)) == 1
+
+    class Raising(unlike(Arm)):
+        def derivative(self, state, inputs, c):
+            if np.any(np.abs(state.elbow_rad) > 2.0):
+                raise ValueError("outside of the table")
+            return super().derivative(state, inputs, c)
+
+    assert asked(Raising, 0.3) == []
+
+
+def test_a_force_like_an_input_that_the_model_limits_is_told():
+    """A clip cuts the friction, too; an input that a law makes is what it acts on."""
+    bent = type("Bent", (Limited,), {"ports": Arm.ports})
+    notes = bent_inputs(logged(bent))
+    assert [note.split(":")[0] for note in notes] == ["force shoulder_radps", "force elbow_radps"]
+    assert "as an input with a law" in notes[0]
+    assert bent_inputs(logged(bent, 0.05)) == []  # none of these commands reaches the limit
+    assert bent_inputs(logged(Arm)) == []
+
+
+class Room(System):
+    """Temperature and carbon dioxide of a room that a fan airs: no speeds, whatever moves both."""
+
+    rate_hz = 1.0
+    inputs = [Input("fan_w", "W")]
+    states = {"inside_k": "K", "gas": "1"}
+    outputs = [Output("inside_k", "K"), Output("gas", "1")]
+    ports = [Port.force("inside_k"), Port.force("gas")]
+
+    def derivative(self, state, inputs, c):
+        return {
+            "inside_k": inputs.fan_w * (1.0 + state.gas**2),
+            "gas": inputs.fan_w * state.inside_k,
+        }
+
+
+class Aircraft(System):
+    """Aileron and rudder both roll and yaw it, by gains that no pose changes."""
+
+    rate_hz = 50.0
+    inputs = [Input("aileron_rad", "rad"), Input("rudder_rad", "rad")]
+    states = {"roll_rad": "rad", "roll_radps": "rad/s", "yaw_radps": "rad/s"}
+    outputs = [Output("roll_rad", "rad"), Output("yaw_radps", "rad/s")]
+    ports = [Port.force("roll_radps"), Port.force("yaw_radps")]
+
+    def derivative(self, state, inputs, c):
+        return {
+            "roll_rad": state.roll_radps,
+            "roll_radps": 5.0 * inputs.aileron_rad + 0.4 * inputs.rudder_rad,
+            "yaw_radps": 0.3 * inputs.aileron_rad + 2.0 * inputs.rudder_rad,
+        }
+
+
+class Quadrotor(System):
+    """Four rotors lift it along its own axis, and turn it; velocities are in axes of the room."""
+
+    rate_hz = 100.0
+    inputs = [Input(f"rotor_{i}_n", "N") for i in range(4)]
+    states = {
+        "roll_rad": "rad", "pitch_rad": "rad", "x_mps": "m/s", "y_mps": "m/s", "z_mps": "m/s",
+        "p_radps": "rad/s", "q_radps": "rad/s", "r_radps": "rad/s",
+    }  # fmt: skip
+    outputs = [Output(name, unit) for name, unit in states.items()]
+    ports = [Port.force(n) for n, unit in states.items() if unit != "rad"]
+
+    def derivative(self, state, inputs, c):
+        a, b, d, e = (getattr(inputs, i.name) for i in self.inputs)
+        lift, roll, pitch = a + b + d + e, state.roll_rad, state.pitch_rad
+        return {
+            "roll_rad": state.p_radps,
+            "pitch_rad": state.q_radps,
+            "x_mps": lift * np.cos(roll) * np.sin(pitch),
+            "y_mps": -lift * np.sin(roll),
+            "z_mps": lift * np.cos(roll) * np.cos(pitch) - 9.81,
+            "p_radps": 50.0 * (a + b - d - e),
+            "q_radps": 50.0 * (a - b - d + e),
+            "r_radps": 5.0 * (a - b + d - e),
+        }
+
+
+class Car(System):
+    """Front-wheel drive: what the wheels' push does depends on the steering, a command."""
+
+    rate_hz = 50.0
+    inputs = [Input("drive_n", "N"), Input("steer_rad", "rad")]
+    states = {"ahead_mps": "m/s", "aside_mps": "m/s", "yaw_radps": "rad/s"}
+    outputs = [Output(name, unit) for name, unit in states.items()]
+    ports = [Port.force(name) for name in states]
+
+    def derivative(self, state, inputs, c):
+        aside = inputs.drive_n * np.sin(inputs.steer_rad)
+        ahead = inputs.drive_n * np.cos(inputs.steer_rad)
+        return {"ahead_mps": ahead, "aside_mps": aside, "yaw_radps": 1.2 * aside}
+
+
+class TwoSterns(System):
+    """A boat by two thrusters astern and one in the bow, which does not push it ahead."""
+
+    rate_hz = 20.0
+    inputs = [Input(name, "N") for name in ("left_n", "right_n", "bow_n")]
+    states = {"surge_mps": "m/s", "sway_mps": "m/s", "yaw_radps": "rad/s"}
+    outputs = [Output(name, unit) for name, unit in states.items()]
+    ports = [Port.force(name) for name in states]
+
+    def derivative(self, state, inputs, c):
+        return {
+            "surge_mps": inputs.left_n + inputs.right_n - state.surge_mps,
+            "sway_mps": 0.5 * inputs.bow_n - state.sway_mps,
+            "yaw_radps": inputs.right_n - inputs.left_n + 2.0 * inputs.bow_n,
+        }
+
+
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
-    "system", [Arm, Copter, Thrust, Apart, unlike(Arm, derivative_under=Arm.derivative)]
+    "system",
+    [Arm, Copter, Thrust, Apart, Room, Aircraft, Quadrotor, Car, TwoSterns],
 )
 def test_others_are_not(system):
-    assert coupled_forces(system()) == []
+    assert asked(system) == []
+
+
+def test_a_mechanism_that_says_how_forces_act_is_not():
+    """Its own function has the forces, whatever its ports say."""
+
+    class Under(unlike(Arm)):
+        def derivative_under(self, state, inputs, c, forces):
+            given = {i.name: getattr(inputs, i.name) + forces.get(s, 0.0)
+                     for i, (s, _) in zip(self.inputs, JOINTS, strict=True)}  # fmt: skip
+            return self.derivative(state, Point("input", given), c)
+
+    assert asked(Under) == []
 
 
 def recording(torque_nm: float) -> Recording:
@@ -242,8 +432,9 @@ def rates(x, u, torque_nm):
 
 @pytest.mark.whole
 def test_the_check_of_columns_asks_too():
-    notes = column_notes(LogModel(unlike(Arm)(), [recording(0.0)]))
-    assert [note for note in notes if "each move" in note] == coupled_forces(unlike(Arm)())
+    model = LogModel(unlike(Arm)(), [recording(0.0)])
+    (note,) = coupled_forces(model)
+    assert note in column_notes(model)
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import SHOWN_ALONE, is_known
+from wakedeploy.core.units import SHOWN_ALONE, is_known, same_unit
 from wakedeploy.gap.systems.calls import called
 from wakedeploy.gap.systems.system import (
     Constant,
@@ -258,11 +258,6 @@ def _check_ports(system: StateSpace) -> None:
         wanted += [("constant", n) for n in (port.inertia, port.friction) if n]
         wanted += [("force", n) for n in (port.position, port.height) if n]
         wanted += [("input", port.like)] if port.like else []
-        if port.like and hasattr(system, "derivative_under"):
-            raise UnusableInput(
-                f"{system.name}: the port {port.name!r} is like {port.like!r}, and there is a "
-                "derivative_under, which says how forces act; drop one of them."
-            )
         for role, name in wanted:
             if name not in known[role]:
                 thing = "state" if role == "force" else role
@@ -270,7 +265,43 @@ def _check_ports(system: StateSpace) -> None:
                     f"{system.name}: a port names the {thing} {name!r}, which is not there; "
                     f"there are: {', '.join(known[role]) or 'none'}."
                 )
+        if port.like:
+            _require_like_alone(system, port)
+        if port.role == "custom" and not port.name.replace("-", "_").isidentifier():
+            raise UnusableInput(
+                f"{system.name}: an effect of your own is called {port.name!r}; use letters, "
+                "digits, - and _."
+            )
         _check_sizes(system, port)
+
+
+def _require_like_alone(system: StateSpace, port: Port) -> None:
+    """Refuse beside an input that a force acts like what says otherwise how it acts."""
+    where = f"{system.name}: the port {port.name!r} is like {port.like!r}"
+    if hasattr(system, "derivative_under"):
+        raise UnusableInput(
+            f"{where}, and there is a derivative_under, which says how forces act; drop one of "
+            "them."
+        )
+    for what, stated in (("inertia", port.inertia), ("unit", port.unit)):
+        if stated:
+            raise UnusableInput(
+                f"{where}: its force is in that input's unit and acts as that does; leave out "
+                f"{what}={stated!r}."
+            )
+    if sum(p.role == "force" and p.name == port.name for p in system.ports) > 1:
+        raise UnusableInput(
+            f"{where}, and another port acts at {port.name!r}, too; state one, with the position "
+            "that most depends on."
+        )
+    if port.friction:
+        unit = next(i.unit for i in system.inputs if i.name == port.like)
+        known = system.unit_of_constant(port.friction)
+        if known != "1" and not same_unit(known, unit):
+            raise UnusableInput(
+                f"{where}, in {unit}, and its friction {port.friction!r} is in {known}; state it "
+                "in the input's unit."
+            )
 
 
 def _check_sizes(system: StateSpace, port: Port) -> None:
@@ -310,7 +341,7 @@ def _check_functions(system: StateSpace) -> None:
         _check_forces(system, state, inputs)
     for port in system.ports:
         if port.like:
-            _check_like(system, port, state, inputs)
+            _check_like(system, port)
     for port in system.ports:
         if port.function is not None:
             _check_custom(system, port, state, inputs, shape)
@@ -357,17 +388,30 @@ def _check_forces(system: StateSpace, state: Point, inputs: Point) -> None:
             )
 
 
-def _check_like(system: StateSpace, port: Port, state: Point, inputs: Point) -> None:
-    """More of the input that a force acts like pushes the state forward wherever it does."""
-    c = system.values()
+def _check_like(system: StateSpace, port: Port) -> None:
+    """More of the input that a force acts like pushes the state forward somewhere."""
+    rng = np.random.default_rng(5)
+    state = Point("state", {n: rng.standard_normal(_POINTS) * 0.5 for n in system.states})
+    at = {i.name: _of_every_size(i, rng) for i in system.inputs}
+    ends = [at | {port.like: at[port.like] * share} for share in (0.999, 1.001)]
     with np.errstate(all="ignore"):
-        rates = (system.rates(state, inputs, c, {port.name: push}) for push in (-1e-3, 1e-3))
-        less, more = (np.asarray(each[port.name], dtype=float) for each in rates)
-    if not (np.all(more >= less) and np.any(more > less)):
+        rates = (system.rates(state, Point("input", end), system.values()) for end in ends)
+        less, more = (np.broadcast_to(np.asarray(r[port.name], float), _POINTS) for r in rates)
+    if not np.any(np.sign(at[port.like]) * (more - less) > 0.0):
         raise UnusableInput(
-            f"{system.name}: the port {port.name!r} is like {port.like!r}, more of which does not "
-            "push it forward; name an input that does, or write derivative_under."
+            f"{system.name}: the port {port.name!r} is like {port.like!r}, more of which never "
+            "pushes it forward; name an input that does, or write derivative_under."
         )
+
+
+def _of_every_size(stated: Input, rng: np.random.Generator) -> FloatArray:
+    """An input (N,) of either sign and every size, within its limits."""
+    low = -math.inf if stated.low is None else stated.low
+    high = math.inf if stated.high is None else stated.high
+    if math.isfinite(high - low):
+        return np.asarray(rng.uniform(low, high, _POINTS))
+    values = rng.choice([-1.0, 1.0], _POINTS) * np.geomspace(1e-3, 1e3, _POINTS)
+    return np.asarray(np.clip(values, low, high))
 
 
 def _tried(system: StateSpace, shape: tuple[int, ...]) -> dict[str, FloatArray]:

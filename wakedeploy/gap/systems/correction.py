@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.evidence.fits import Fit
     from wakedeploy.gap.systems.likelihood.logs import LogModel
 
-VERSION = 5
+VERSION = 6
 _ENDS = ("lowest ", "highest ", "top ", "bottom ")
 _Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 
@@ -30,10 +30,11 @@ class _Table(pydantic.BaseModel):
 
 
 class Named(_Table):
-    """An effect and its parameters by name."""
+    """An effect, its parameters by name, and their units."""
 
     name: str
     parameters: dict[str, _Finite]
+    units: dict[str, str]
 
 
 class Document(_Table):
@@ -108,9 +109,15 @@ def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
         clocks_s=clocks_s,
         form=form,
         sizes=dict(model.sizes),
-        effect=tuple(Named(name=n, parameters=_below(values, f"{n}.")) for n in fitted.hypothesis),
+        effect=tuple(_named(n, values, fitted) for n in fitted.hypothesis),
     )
     return Correction(document)
+
+
+def _named(name: str, values: Mapping[str, float], fitted: "Fit") -> Named:
+    units = {f.name: f.unit for f in fitted.free}
+    own = _below(values, f"{name}.")
+    return Named(name=name, parameters=own, units={n: units[f"{name}.{n}"] for n in own})
 
 
 def write_correction(correction: Correction, path: Path) -> None:
@@ -126,6 +133,7 @@ def write_correction(correction: Correction, path: Path) -> None:
     for effect in document.effect:
         lines += ["", "[[effect]]", f'name = "{effect.name}"']
         lines += ["[effect.parameters]", *_lines(effect.parameters)]
+        lines += ["[effect.units]", *(f'"{n}" = "{unit}"' for n, unit in effect.units.items())]
     for title, values in (
         ("constants", document.constants),
         ("clocks_s", document.clocks_s),

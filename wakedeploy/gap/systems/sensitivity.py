@@ -22,7 +22,7 @@ from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.search.first_look import Ground, look
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import MOST_STEPS
-from wakedeploy.gap.systems.coupled_forces import coupled_forces
+from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
@@ -132,7 +132,13 @@ def column_notes(model: LogModel) -> list[str]:
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
-    return [*notes, *hung_outputs(model), *coupled_forces(model.system), *own_notes(model)]
+    return [
+        *notes,
+        *hung_outputs(model),
+        *coupled_forces(model),
+        *bent_inputs(model),
+        *own_notes(model),
+    ]
 
 
 def own_notes(model: LogModel) -> list[str]:

@@ -1,10 +1,14 @@
 """A system replayed along a recording, with what a correction says where it has one."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import FloatArray
-from wakedeploy.gap.systems.kinds.library import offered
+from wakedeploy.gap.systems.correction import Named
+from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.system import StateSpace
@@ -35,6 +39,25 @@ def _acting(model: LogModel) -> tuple[Acting, dict[str, float]]:
         return Acting(model.system, (), model.sizes), {"nothing": 0.0}
     document = correction.document
     library = offered(model.system, document.sizes, (document.sample_s, document.span_s))
-    effects = [library[name] for name in correction.effects]
+    effects = [_known(library, named, model) for named in document.effect]
     form = sorted({name.rsplit(".", 1)[0] for name in document.form})
     return Acting(model.system, effects, document.sizes, form), correction.values
+
+
+def _known(library: Mapping[str, Effect], named: Named, model: LogModel) -> Effect:
+    """The effect that a correction names; UnusableInput if the system no longer has it so."""
+    effect = library.get(named.name)
+    if effect is None:
+        raise UnusableInput(
+            f"{model.name}: the correction has {named.name!r}, which no port offers; run `gap add` "
+            "for the system as it is now."
+        )
+    for free in effect.free:
+        name = free.name.removeprefix(f"{named.name}.")
+        if named.units.get(name, free.unit) != free.unit:
+            raise UnusableInput(
+                f"{model.name}: the correction has {name!r} of {named.name!r} in "
+                f"{named.units[name]}, and the system has it in {free.unit}; run `gap add` for the "
+                "system as it is now."
+            )
+    return effect

@@ -151,13 +151,14 @@ class Port:
     ) -> "Port":
         """At the derivative of the state `speed`: a force over the constant `inertia`.
 
-        Without an inertia an effect is an acceleration. `position` is the state whose derivative
-        the speed is, or another on which a force may depend, as a heading on a slope; `height` one
-        that is the height above ground. `friction` names the constant that is the dry friction
-        which the model knows of: it acts there beside the derivative, and holds what stands, which
-        no function of the speed can do. `like` names the input that the force acts like, as more
-        or less of it would: a torque in a joint of an arm moves the other joints, too, just as its
-        motor's does, and is in the motor's unit.
+        Without an inertia an effect is a rate of the state, as an acceleration, or what `like`
+        says. `position` is the state whose derivative the speed is, or another on which a force may
+        depend, as a heading on a slope; `height` one that is the height above ground. `friction`
+        names the constant that is the dry friction which the model knows of: it acts there beside
+        the derivative, and holds what stands, which no function of the speed can do. `like` names
+        the input that the force acts like, as more or less of it would: a torque in a joint of an
+        arm moves the other joints, too, just as its motor's does, and is in the motor's unit. It
+        goes without `inertia` and `unit`, and bends with that input where the model limits it.
         """
         return cls("force", speed, inertia, position, height, unit, tuple(kinds), friction, like)
 
