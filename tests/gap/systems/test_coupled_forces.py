@@ -122,7 +122,7 @@ def test_an_input_that_pushes_only_within_its_limits_is_one(thrust):
         (
             "shoulder_nm",
             {"derivative": lambda s, x, u, c: dict.fromkeys(Arm.states, 0.0 - u.shoulder_nm)},
-            "more of which never pushes it forward",
+            'never pushes it forward; write like="-shoulder_nm"',
         ),
         ("shoulder_nm", {"derivative_under": Arm.derivative}, "there is a derivative_under"),
         ("shoulder_nm", {"inertia": "first_kg"}, "leave out inertia='first_kg'"),
@@ -243,14 +243,31 @@ def test_a_port_that_was_forgotten_is_asked_about_alone(ports):
         assert f'Port.force("{forgotten.name}", like="{forgotten.like}")' in note
 
 
-def test_of_a_motor_that_turns_the_other_way_another_way_is_told():
-    class Reversed(unlike(Arm)):
-        def derivative(self, state, inputs, c):
-            given = {"shoulder_nm": inputs.shoulder_nm, "elbow_nm": 0.0 - inputs.elbow_nm}
-            return super().derivative(state, Point("input", given), c)
+class Reversed(unlike(Arm)):
+    """The elbow's motor turns the other way."""
 
+    def derivative(self, state, inputs, c):
+        given = {"shoulder_nm": inputs.shoulder_nm, "elbow_nm": 0.0 - inputs.elbow_nm}
+        return super().derivative(state, Point("input", given), c)
+
+
+def test_a_motor_that_turns_the_other_way_has_a_sign():
+    """A force at its port still pushes the joint forward, as it does beside a right motor."""
     (note,) = asked(Reversed)
-    assert 'by Port.force("shoulder_radps", like="shoulder_nm") and by a derivative_under' in note
+    assert 'Port.force("shoulder_radps", like="shoulder_nm")' in note
+    assert 'Port.force("elbow_radps", like="-elbow_nm")' in note
+    ports = [Arm.ports[2], replace(Arm.ports[3], like="-elbow_nm")]
+    turned = checked(type("Turned", (Reversed,), {"ports": ports})())
+    state, rng = Point("state", dict.fromkeys(Arm.states, 0.4)), np.random.default_rng(1)
+    forces = {"elbow_radps": rng.standard_normal(9), "shoulder_radps": rng.standard_normal(9)}
+    inputs = [Point("input", {"shoulder_nm": 0.3, "elbow_nm": torque}) for torque in (0.2, -0.2)]
+    wanted = checked(Arm()).rates(state, inputs[0], Arm().values(), forces)
+    moved = turned.rates(state, inputs[1], turned.values(), forces)
+    assert all(moved[name] == pytest.approx(wanted[name]) for name in Arm.states)
+    assert force_unit(turned, ports[1]) == "N m"
+    ports = [replace(Arm.ports[3], like="elbow_nm")]
+    with pytest.raises(UnusableInput, match='never pushes it forward; write like="-elbow_nm"'):
+        checked(type("Turned", (Reversed,), {"ports": ports})())
 
 
 class Limited(unlike(Arm)):

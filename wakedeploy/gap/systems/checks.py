@@ -257,7 +257,7 @@ def _check_ports(system: StateSpace) -> None:
         wanted = [(port.role, port.name)] if port.role in known else []
         wanted += [("constant", n) for n in (port.inertia, port.friction) if n]
         wanted += [("force", n) for n in (port.position, port.height) if n]
-        wanted += [("input", port.like)] if port.like else []
+        wanted += [("input", port.acts_like)] if port.like else []
         for role, name in wanted:
             if name not in known[role]:
                 thing = "state" if role == "force" else role
@@ -295,7 +295,7 @@ def _require_like_alone(system: StateSpace, port: Port) -> None:
             "that most depends on."
         )
     if port.friction:
-        unit = next(i.unit for i in system.inputs if i.name == port.like)
+        unit = next(i.unit for i in system.inputs if i.name == port.acts_like)
         known = system.unit_of_constant(port.friction)
         if known != "1" and not same_unit(known, unit):
             raise UnusableInput(
@@ -389,18 +389,22 @@ def _check_forces(system: StateSpace, state: Point, inputs: Point) -> None:
 
 
 def _check_like(system: StateSpace, port: Port) -> None:
-    """More of the input that a force acts like pushes the state forward somewhere."""
+    """More of the input that a force acts like pushes the state the stated way somewhere."""
     rng = np.random.default_rng(5)
     state = Point("state", {n: rng.standard_normal(_POINTS) * 0.5 for n in system.states})
     at = {i.name: _of_every_size(i, rng) for i in system.inputs}
-    ends = [at | {port.like: at[port.like] * share} for share in (0.999, 1.001)]
+    name = port.acts_like
+    ends = [at | {name: at[name] * share} for share in (0.999, 1.001)]
     with np.errstate(all="ignore"):
         rates = (system.rates(state, Point("input", end), system.values()) for end in ends)
         less, more = (np.broadcast_to(np.asarray(r[port.name], float), _POINTS) for r in rates)
-    if not np.any(np.sign(at[port.like]) * (more - less) > 0.0):
+    pushed = port.sign * np.sign(at[name]) * (more - less)
+    if not np.any(pushed > 0.0):
+        other = name if port.sign < 0.0 else f"-{name}"
+        advice = f'write like="{other}"' if np.any(pushed < 0.0) else "name an input that does"
         raise UnusableInput(
-            f"{system.name}: the port {port.name!r} is like {port.like!r}, more of which never "
-            "pushes it forward; name an input that does, or write derivative_under."
+            f"{system.name}: the port {port.name!r} is like {port.like!r}, which never pushes it "
+            f"forward; {advice}, or write derivative_under."
         )
 
 

@@ -58,15 +58,16 @@ def bent_inputs(model: LogModel) -> list[str]:
     names = [i.name for i in model.system.inputs]
     notes = []
     for port in (p for p in model.system.ports if p.like):
-        logged = np.concatenate([log.inputs[names.index(port.like)] for log in model.logs])
+        place = names.index(port.acts_like)
+        logged = np.concatenate([log.inputs[place] for log in model.logs])
         ranked = np.argsort(logged)
         when = ranked[np.linspace(0, len(ranked) - 1, _TIMES).astype(int)]  # from least to most
-        does = _gains(model, when, by_pose=False)[port.name, port.like].ravel()
+        does = _gains(model, when, by_pose=False)[port.name, port.acts_like].ravel()
         if np.ptp(does) > _BENT * float(np.abs(does).max()):
             notes.append(
-                f"force {port.name}: it is like {port.like}, which the model limits or bends, and "
-                "so it bends the force. State what the model makes of it as an input with a law, "
-                "and let the port be like that one."
+                f"force {port.name}: it is like {port.acts_like}, which the model limits or bends, "
+                "and so it bends the force. State what the model makes of it as an input with a "
+                "law, and let the port be like that one."
             )
     return notes
 
@@ -112,13 +113,10 @@ def _of_one(gains: Gains, stated: str, ports: Sequence[Port], speeds: Sequence[s
 
 def _advice(gains: Gains, driven: Mapping[str, str]) -> str:
     """What to write where a force does as an input, of each speed."""
-    forward = {s: i for s, i in driven.items() if _drives(gains[s, i]) > 0}
-    lines = [f'Port.force("{speed}", like="{mine}")' for speed, mine in forward.items()]
-    ways = [f"by {listed(lines)}"] if lines else []
-    if len(forward) < len(driven):
-        ways.append("by a derivative_under where an input pushes backward")
+    signs = {s: "-" if _drives(gains[s, i]) < 0 else "" for s, i in driven.items()}
+    lines = [f'Port.force("{s}", like="{signs[s]}{mine}")' for s, mine in driven.items()]
     return (
-        f"If a force at one of them does so, too, its port has to say it, {listed(ways)}; else "
+        f"If a force at one of them does so, too, its port has to say it, by {listed(lines)}; else "
         "another effect may be named."
     )
 

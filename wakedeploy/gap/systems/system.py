@@ -157,8 +157,9 @@ class Port:
         names the constant that is the dry friction which the model knows of: it acts there beside
         the derivative, and holds what stands, which no function of the speed can do. `like` names
         the input that the force acts like, as more or less of it would: a torque in a joint of an
-        arm moves the other joints, too, just as its motor's does, and is in the motor's unit. It
-        goes without `inertia` and `unit`, and bends with that input where the model limits it.
+        arm moves the other joints, too, just as its motor's does, and is in the motor's unit;
+        "-elbow_nm" is a motor that pushes backward. It goes without `inertia` and `unit`, and bends
+        with that input where the model limits it.
         """
         return cls("force", speed, inertia, position, height, unit, tuple(kinds), friction, like)
 
@@ -194,6 +195,16 @@ class Port:
             parameters=dict(parameters),
             shapes=dict(shapes or {}),
         )
+
+    @property
+    def acts_like(self) -> str:
+        """The input that its force acts like, "" for none."""
+        return self.like.removeprefix("-")
+
+    @property
+    def sign(self) -> float:
+        """-1 where more of that input pushes backward, else 1."""
+        return -1.0 if self.like.startswith("-") else 1.0
 
     def increments(self, time_s: Any, state: Any, inputs: Any, size: float) -> Mapping[str, Any]:
         """What an effect of the user's own adds at `size` times its parameters' usual sizes."""
@@ -366,9 +377,9 @@ class StateSpace:
         return hasattr(self, "derivative_under") or bool(self._inputs_of_forces)
 
     @functools.cached_property
-    def _inputs_of_forces(self) -> dict[str, str]:
-        """The input that the force on each speed acts like, by the speed."""
-        return {p.name: p.like for p in self.ports if p.like}
+    def _inputs_of_forces(self) -> dict[str, tuple[str, float]]:
+        """The input that the force on each speed acts like, and the sign, by the speed."""
+        return {p.name: (p.acts_like, p.sign) for p in self.ports if p.like}
 
     @property
     def name(self) -> str:
@@ -553,8 +564,8 @@ class StateSpace:
     def _with_forces(self, inputs: Point, forces: Mapping[str, Any]) -> Point:
         """The inputs, with more of those that forces act like."""
         values = {i.name: getattr(inputs, i.name) for i in self.inputs}
-        for speed, name in self._inputs_of_forces.items():
-            values[name] = values[name] + forces.get(speed, 0.0)
+        for speed, (name, sign) in self._inputs_of_forces.items():
+            values[name] = values[name] + sign * forces.get(speed, 0.0)
         return Point("input", values)
 
     def added(self, port: Port, function: Callable[..., Any], *given: Any) -> Mapping[str, Any]:

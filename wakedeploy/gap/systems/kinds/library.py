@@ -239,7 +239,7 @@ def _usual_force(system: StateSpace, port: Port, sizes: Mapping[str, float]) -> 
     """What usually moves a port's state, in the unit of forces there."""
     if port.inertia:
         return abs(system.constant(port.inertia).value) * sizes[f"d {port.name}"]
-    return sizes[port.like] if port.like else sizes[f"d {port.name}"]
+    return sizes[port.acts_like] if port.like else sizes[f"d {port.name}"]
 
 
 def _way(position: str, sizes: Mapping[str, float]) -> dict[str, float]:
@@ -261,7 +261,7 @@ def force_unit(system: StateSpace, port: Port) -> str:
     if port.unit:
         return port.unit
     if port.like:
-        return next(i.unit for i in system.inputs if i.name == port.like)
+        return next(i.unit for i in system.inputs if i.name == port.acts_like)
     rate = rate_unit(system.states[port.name])
     if not port.inertia:
         return rate
