@@ -62,7 +62,7 @@ def test_a_table_of_text_is_one_under_any_name(name: str, tmp_path: Path) -> Non
     ("name", "content", "said"),
     [
         ("a.xlsx", b"PK\x03\x04 a sheet", "is a spreadsheet; save its sheet as CSV"),
-        ("a.bag", b"#ROSBAG V2.0\n", "rosbags-convert --src .*a.bag --dst FOLDER"),
+        ("a.bag", b"#ROSBAG V2.0\n\x00\x01", "rosbags-convert --src .*a.bag --dst FOLDER"),
         ("a.jsonl", b'{"t": 0}\n', "is JSON; write it as CSV"),
         ("a.pkl", b"\x80\x04\x95", "is a pickle, which is a program"),
         ("a.strange", b'{"t": 0}\n', "is no log of a kind that is known"),
@@ -148,3 +148,100 @@ def test_a_table_that_begins_in_the_first_line_loses_none(content: str, tmp_path
     path = tmp_path / "log.csv"
     path.write_text(content)
     assert "skip_rows" not in guess_columns(path)
+
+
+NUMBERS = text(ROWS, ",")
+
+
+@pytest.mark.parametrize(
+    ("content", "skipped", "names"),
+    [
+        # Excel pads the lines before a table to its width.
+        ("Device,ABC,\nSerial,123,\nTime,q,u\n", 2, "Time,q,u"),
+        # An oscilloscope: a line of the same width, without a number, above the names.
+        ("Model,X\nVertical,V,V\nTIME,CH1,CH2\n", 2, "TIME,CH1,CH2"),
+        ("Rate,100\nt,q,u\n", 1, "t,q,u"),
+        (",,\nt,q,u\n", 1, "t,q,u"),
+        # Motion capture: two lines before the names, units below.
+        ("Trajectories\n100\n,,robot\nFrame,X,Y\n,mm,mm\n", 3, "Frame,X,Y"),
+        ("a word of a long account\n" * 150 + "t,q,u\n", 150, "t,q,u"),
+    ],
+)
+def test_the_header_is_the_line_above_the_numbers(content, skipped, names, tmp_path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(content + NUMBERS)
+    guessed = guess_columns(path)
+    assert f"skip_rows = {skipped}  # ? the last line before the table: " in guessed
+    for name in names.split(","):
+        assert f'column = "{name}"' in guessed or 'unit = "s"\n' in guessed
+    known = guessed.replace("rate_hz = 0 ", "rate_hz = 20 ").replace('"unused"', '"output"')
+    (recording,) = read_recordings([path], parse_columns(known)).recordings
+    assert len(recording.time_s) == len(ROWS)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "t,q\n" + text(ROWS[:30, :2], ",") + "t,q,u\n" + text(ROWS[30:], ","),
+        text(ROWS[:30, :2], ",") + text(ROWS[30:], ","),
+    ],
+)
+def test_a_log_that_grew_wider_is_refused_and_not_cut(content: str, tmp_path: Path) -> None:
+    """Its first part was left out as if it stood before the table."""
+    path = tmp_path / "log.csv"
+    path.write_text(content)
+    with pytest.raises(UnusableInput, match=r"line 3[12]: has 3 fields, but the header 2"):
+        guess_columns(path)
+
+
+def test_names_that_are_fewer_than_the_columns_are_no_header_and_shown(tmp_path: Path) -> None:
+    """A date and a time of day below one name; every row is read."""
+    path = tmp_path / "log.txt"
+    rows = "".join(f"2020-01-01 10:00:{k:02d} {k / 10} {k / 7:.3f}\n" for k in range(50))
+    path.write_text("time x y\n" + rows)
+    guessed, columns = read(path)
+    assert "header = false  # ? its first row holds numbers" in guessed
+    assert "skip_rows = 1  # ? the last line before the table: 'time x y'" in guessed
+    assert len(columns) == 50
+
+
+@pytest.mark.parametrize(
+    "header", [",0,1,2", '"","1","2","3"', "2019,2020,2021,2022", "10,20,30,40"]
+)
+def test_numbers_that_are_names_stay_names(header: str, tmp_path: Path) -> None:
+    """As pandas writes a table without names, or one by years."""
+    path = tmp_path / "log.csv"
+    path.write_text(header + "\n" + text(np.column_stack([ROWS, ROWS[:, 1]]), ","))
+    guessed, columns = read(path)
+    assert "header" not in guessed
+    assert len(columns) == len(ROWS)
+
+
+@pytest.mark.parametrize("units", ["s,m,gauss", "s,V,hPa", "s,m,Deg C"])
+def test_a_unit_that_is_not_known_hinders_no_other(units: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,x,w\n{units}\n" + NUMBERS)
+    guessed, columns = read(path)
+    assert "units_row = true" in guessed
+    assert columns[:, 0] == pytest.approx(ROWS[:, 1], abs=1e-5)
+
+
+def test_a_row_of_states_is_no_row_of_units(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("state,x,y\nN,,\nD,1.5,2.5\nN,1.6,2.5\n")
+    assert "units_row" not in guess_columns(path)
+
+
+def test_first_bytes_come_before_a_name_that_others_use(tmp_path: Path) -> None:
+    """A log of PX4 as .bin, and a sheet that is text, as instruments write .xls."""
+    path = tmp_path / "flight.bin"
+    path.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8))
+    with pytest.raises(UnusableInput) as told:
+        guess_columns(path)
+    assert "convert" not in str(told.value)
+    path = tmp_path / "scope.xls"
+    path.write_text("t\tx\tv\n" + text(ROWS, "\t"))
+    assert read(path)[1] == pytest.approx(ROWS[:, 1:], abs=1e-5)
+    path = tmp_path / "greek.log"
+    path.write_text("t,φ,ω\n" + NUMBERS, "utf-8")
+    assert read(path)[1] == pytest.approx(ROWS[:, 1:], abs=1e-5)

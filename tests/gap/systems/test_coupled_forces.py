@@ -16,6 +16,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.kinds.library import force_unit
+from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.sensitivity import column_notes
 from wakedeploy.gap.systems.system import Point
@@ -88,14 +89,29 @@ def test_a_force_like_an_input_moves_all_that_the_input_moves():
     assert [force_unit(arm, port) for port in Arm.ports[2:]] == ["N m", "N m"]
 
 
-def test_a_port_beside_those_like_an_input_moves_its_own_state():
-    ports = [Arm.ports[2], Port.force("elbow_radps", inertia="second_kg")]
-    arm = checked(type("Arm", (Arm,), {"ports": ports})())
-    state = Point("state", dict.fromkeys(Arm.states, 0.3))
-    inputs = Point("input", {"shoulder_nm": 0.0, "elbow_nm": 0.0})
-    plain, moved = (arm.rates(state, inputs, arm.values(), f) for f in (None, {"elbow_radps": 1.2}))
-    rises = {name: moved[name] - plain[name] for name in Arm.states}
-    assert rises == pytest.approx(dict.fromkeys(Arm.states, 0.0) | {"elbow_radps": 2.0})
+def test_ports_beside_those_like_an_input_move_their_own_state():
+    """Two at one speed, each over its own inertia, beside one that is like a motor."""
+    at_elbow = ("shoulder_rad", "first_kg"), ("elbow_rad", "second_kg")
+    ports = [Arm.ports[2]]
+    ports += [
+        Port.force("elbow_radps", inertia=m, position=p, kinds=["offset"]) for p, m in at_elbow
+    ]
+    model = LogModel(checked(type("Arm", (Arm,), {"ports": ports})()), [recording(0.0)])
+    offsets = [
+        replace(model.library["offset@elbow_radps"], name=f"offset {k}", port=port)
+        for k, port in enumerate(ports[1:])
+    ]
+    acting = Acting(model.system, offsets, model.sizes)
+    values = {"offset 0.force": np.array([[3.0]]), "offset 1.force": np.array([[1.2]])}
+    x = np.full((4, 1, 1), 0.3)
+    inputs = {"shoulder_nm": np.zeros((1, 1)), "elbow_nm": np.zeros((1, 1))}
+    c = model.system.values()
+    plain, moved = (
+        Acting(model.system, effects, model.sizes).rates(x, inputs, c, values, np.zeros((1, 1)))
+        for effects in ((), offsets)
+    )
+    assert acting.states == tuple(Arm.states)
+    assert (moved - plain).ravel() == pytest.approx([0.0, 0.0, 0.0, 3.0 / 1.0 + 1.2 / 0.6])
 
 
 @pytest.mark.parametrize("thrust", [lambda u: u**2, lambda u: np.maximum(np.abs(u) - 25.0, 0.0)])
@@ -112,7 +128,7 @@ def test_an_input_that_pushes_only_within_its_limits_is_one(thrust):
         def derivative(self, state, inputs, c):
             return {"climb_mps": thrust(inputs.rotor) - 9.81}
 
-    assert checked(Rotor()).takes_forces
+    assert checked(Rotor()).distributes(Rotor.ports[0])
 
 
 @pytest.mark.parametrize(
@@ -298,6 +314,16 @@ def test_a_force_like_an_input_that_the_model_limits_is_told():
     assert "as an input with a law" in notes[0]
     assert bent_inputs(logged(bent, 0.05)) == []  # none of these commands reaches the limit
     assert bent_inputs(logged(Arm)) == []
+
+    class Scaled(Arm):  # another input scales it, as a battery's voltage does
+        inputs = [*Arm.inputs, Input("supply", "1")]
+
+        def derivative(self, state, inputs, c):
+            torque = (2.0 + inputs.supply) * inputs.shoulder_nm
+            given = {"shoulder_nm": torque, "elbow_nm": inputs.elbow_nm}
+            return super().derivative(state, Point("input", given), c)
+
+    assert bent_inputs(logged(Scaled)) == []
 
 
 class Room(System):

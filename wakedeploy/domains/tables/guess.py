@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import SHOWN_ALONE, contradicted, same_unit, si_unit
 from wakedeploy.domains.tables.columns import Delimited
+from wakedeploy.domains.tables.formats.delimited import DelimitedLog
 from wakedeploy.domains.tables.guess_asked import (
     NOTHING_ASKED,
     SAME,
@@ -49,6 +50,7 @@ from wakedeploy.domains.tables.stamps import as_floats
 Vector = NDArray[np.float64]
 _Named = tuple[str, Log]  # a file's name in its folder, "" for one that is alone, and the file
 
+_QUOTED = 60  # letters of a line
 _SHORT_RUN = 2.0  # rows with a number; longer runs are of one clock, with samples that are lost
 _TO_DO = (
     "# mark are guesses. Give the columns that you need a role: input, output, observation or",
@@ -202,7 +204,7 @@ def _text(
         head += ["", "[split]", f"gap_s = {gap_s:g}  # ? longer silences are in this log"]
     if form != Delimited():
         stated = form.model_dump(exclude_defaults=True)
-        doubts = {"decimal": "  # ? 1,5 is read as one and a half"} if form.decimal == "," else {}
+        doubts = _doubts(form, logs[0][1])
         written = (
             f"{k} = {toml(v)}".replace("\t", r"\t") + doubts.get(k, "") for k, v in stated.items()
         )
@@ -214,6 +216,19 @@ def _text(
         raise _without_numbers(path, files)
     entries += _not_found(asked, matches)
     return "\n".join([*head, *entries]) + "\n"
+
+
+def _doubts(form: Delimited, log: Log) -> dict[str, str]:
+    """What a person should look at of how a table is written, by key."""
+    doubts = {}
+    if form.decimal == ",":
+        doubts["decimal"] = "  # ? 1,5 is read as one and a half"
+    if not form.header:
+        doubts["header"] = "  # ? its first row holds numbers, no names"
+    if form.skip_rows and isinstance(log, DelimitedLog):
+        above = log.line(form.skip_rows)[:_QUOTED]
+        doubts["skip_rows"] = f"  # ? the last line before the table: {above!r}"
+    return doubts
 
 
 def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
@@ -256,9 +271,15 @@ def _is_key(name: str) -> bool:
 
 
 def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
+    tables = [file.log for file in files if isinstance(file.log, DelimitedLog)]
+    if uneven := next(filter(None, (table.uneven() for table in tables)), None):
+        return uneven
     unread = next((field for file in files for field in file.log.fields() if field.unread), None)
     if unread is None:
-        return UnusableInput(f"{path}: holds no column of numbers; give another file.")
+        return UnusableInput(
+            f"{path}: holds no column of numbers; give another file, or a table of text a "
+            "columns.toml of your own: [csv] says where it begins (skip_rows, header, units_row)."
+        )
     return UnusableInput(f"{path}: holds no column of numbers: {unread.name} {unread.unread}.")
 
 

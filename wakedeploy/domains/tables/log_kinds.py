@@ -38,6 +38,7 @@ _FOREIGN = {  # what people have besides, by how a name ends, and what to do
     ".bin": "is a log of its own kind; convert it with the program that wrote it, to CSV",
     ".tlog": "is a log of MAVLink; convert it, as by mavlogdump.py --format csv",
 }  # fmt: skip
+_TEXTS = {".json", ".jsonl", ".ndjson"}  # of these, that are text and yet no table
 _TEXT_BYTES = 4096  # of a file without a known name that show whether it is text
 
 
@@ -67,9 +68,10 @@ def _format(path: Path) -> str:
     by_name = _FORMATS.get(suffixes[-1] if suffixes else "")
     if suffixes[-1:] == [".gz"] and len(suffixes) > 1:
         by_name = "delimited" if _FORMATS.get(suffixes[0]) == "delimited" else None
-    if by_name is None and suffixes and suffixes[-1] in _FOREIGN:
-        raise UnusableInput(f"{path}: {_FOREIGN[suffixes[-1]].format(path)}.")
     found = by_name or _by_first_bytes(path)
+    last = suffixes[-1] if suffixes else ""
+    if by_name is None and last in _FOREIGN and (found in (None, "npz") or last in _TEXTS):
+        raise UnusableInput(f"{path}: {_FOREIGN[last].format(path)}.")
     if found is None:
         known = "CSV (.gz), Parquet, npz, HDF5, MATLAB, MCAP, rosbag2 or ULog"
         raise UnusableInput(f"{path}: is no log of a kind that is known; give {known}.")
@@ -89,5 +91,5 @@ def _by_first_bytes(path: Path) -> str | None:
 def _is_table_of_text(begin: bytes) -> bool:
     """Whether a file begins as a table of text does, whatever its name: no JSON, XML or program."""
     text = begin.decode("latin-1").lstrip()
-    printed = all(c.isprintable() or c in "\r\n\t" for c in text)
-    return printed and bool(text) and text[0] not in "{[<" and "\n" in text
+    is_printed = all(c >= " " or c in "\r\n\t\f" for c in text)
+    return is_printed and bool(text) and text[0] not in "{[<" and "\n" in text

@@ -62,7 +62,7 @@ def bent_inputs(model: LogModel) -> list[str]:
         logged = np.concatenate([log.inputs[place] for log in model.logs])
         ranked = np.argsort(logged)
         when = ranked[np.linspace(0, len(ranked) - 1, _TIMES).astype(int)]  # from least to most
-        does = _gains(model, when, by_pose=False)[port.name, port.acts_like].ravel()
+        does = _gains(model, when, alone=port.acts_like)[port.name, port.acts_like].ravel()
         if np.ptp(does) > _BENT * float(np.abs(does).max()):
             notes.append(
                 f"force {port.name}: it is like {port.acts_like}, which the model limits or bends, "
@@ -121,25 +121,29 @@ def _advice(gains: Gains, driven: Mapping[str, str]) -> str:
     )
 
 
-def _gains(model: LogModel, when: IntArray | None = None, *, by_pose: bool = True) -> Gains:
+def _gains(model: LogModel, when: IntArray | None = None, alone: str = "") -> Gains:
     """How every rate changes with each input, at samples of the logs' inputs.
 
-    In states of the logs with angles of all sizes, or in one state alone.
+    In states of the logs with angles of all sizes; or in one state, and with what was commanded
+    then but for one input `alone`.
     """
     system, rng = model.system, np.random.default_rng(4)
     logged = np.concatenate([log.inputs for log in model.logs], axis=1)
     states = model.along_logs()
     when = rng.integers(logged.shape[1], size=_TIMES) if when is None else when
-    poses = _POSES if by_pose else 1
+    poses = 1 if alone else _POSES
     then = rng.integers(states.shape[1], size=poses)
     tried = {n: states[k, then] for k, n in enumerate(system.states)}
     for name, unit in system.states.items():
-        if by_pose and unit in _TURNS:
+        if not alone and unit in _TURNS:
             tried[name] = rng.uniform(-_TURNS[unit], _TURNS[unit], poses)
     shape = (len(when), poses)
     state = Point("state", {n: np.broadcast_to(v, shape).copy() for n, v in tried.items()})
     at = {i.name: np.repeat(logged[k, when], poses).reshape(shape)
           for k, i in enumerate(system.inputs)}  # fmt: skip
+    for name in at:
+        if alone and name != alone:
+            at[name][:] = at[name][0]
     c, found = system.values(), {}
     for stated in system.inputs:
         push = _PUSH * model.sizes[stated.name]

@@ -373,8 +373,12 @@ class StateSpace:
 
     @property
     def takes_forces(self) -> bool:
-        """Whether forces at ports act as in a mechanism: by `derivative_under`, or like inputs."""
-        return hasattr(self, "derivative_under") or bool(self._inputs_of_forces)
+        """Whether it has a `derivative_under`, which lets forces at ports act as in a mechanism."""
+        return hasattr(self, "derivative_under")
+
+    def distributes(self, port: Port) -> bool:
+        """Whether `rates` takes the force at a port: by `derivative_under`, or like an input."""
+        return self.takes_forces or bool(port.like)
 
     @functools.cached_property
     def _inputs_of_forces(self) -> dict[str, tuple[str, float]]:
@@ -542,24 +546,17 @@ class StateSpace:
     ) -> dict[str, Any]:
         """What `derivative` or `step` returns, with what fails in it said by name.
 
-        `forces` by the states whose rates they change, for a system that `takes_forces`.
+        `forces` by the states of the ports that the system `distributes`.
         """
         method = "step" if self.has_step else "derivative"
         given: list[Mapping[str, Any] | Point] = [state, inputs, c]
-        beside: Mapping[str, Any] = {}
         if forces is not None and hasattr(self, "derivative_under"):
             ports = [port.name for port in self.ports if port.role == "force"]
             method, given = "derivative_under", [*given, Forces(forces, ports)]
         elif forces:
             given[1] = self._with_forces(inputs, forces)
-            beside = {n: f for n, f in forces.items() if n not in self._inputs_of_forces}
         returned = called(f"{self.name}.{method}", getattr(self, method), *given)
-        rates = complete(returned, self.states, f"{self.name}.{method}", "state")
-        for port in (p for p in self.ports if p.role == "force" and p.name in beside):
-            inertia = getattr(c, port.inertia) if port.inertia else 1.0
-            lasting_s = 1.0 / self.rate_hz if self.has_step else 1.0
-            rates[port.name] = rates[port.name] + beside[port.name] / inertia * lasting_s
-        return rates
+        return complete(returned, self.states, f"{self.name}.{method}", "state")
 
     def _with_forces(self, inputs: Point, forces: Mapping[str, Any]) -> Point:
         """The inputs, with more of those that forces act like."""

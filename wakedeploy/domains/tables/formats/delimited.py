@@ -38,7 +38,8 @@ _BLOCK = 1 << 15  # rows that are converted at once
 _LONGEST_LINE = 1 << 20
 _COMMENT = "#"  # what lines before a header begin with that are none of the table
 _COMMENTS = (_COMMENT, "%", "//", "!")  # that are looked for
-_MOST_BEFORE = 100  # lines before a table
+_MOST_BEFORE = 300  # lines in which a table begins
+_ROWS = 5  # that are a table
 _LOOKED_AT = 200  # rows that show how numbers are written
 _LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
 _OF_GZIP = zlib.MAX_WBITS | 16  # as zlib is told that there is a header of gzip
@@ -70,80 +71,133 @@ def seen_form(path: Path) -> Delimited:
         encoding = _seen_encoding(path)
         with _opened(path, encoding) as file:
             form = Delimited(comment=_stated_comment(file), encoding=encoding)
-        form, log, rows = _from_the_table(path, form)
+        return _seen_in_rows(path, form)
     except (OSError, EOFError, zlib.error, UnicodeError, UnusableInput):  # who reads it says so
         return Delimited()
-    if _has_decimal_commas(rows):
+
+
+def _seen_in_rows(path: Path, form: Delimited) -> Delimited:
+    """The form, with what stands before the table, its header, its units and its decimals."""
+    log = DelimitedLog(path, form)
+    rows = list(itertools.islice(log.rows(), _LOOKED_AT))
+    if rows and not _is_table(log.first, rows):
+        form = form.model_copy(update={"skip_rows": _lines_before(log.first_lines())})
+        log = DelimitedLog(path, form)
+        rows = list(itertools.islice(log.rows(), _LOOKED_AT))
+    if _has_decimal_commas([log.first, *rows]):
         form = form.model_copy(update={"decimal": ",", "delimiter": log.delimiter})
-    if rows and _is_row_of_numbers(log.first, form):
+    if not rows:
+        return form
+    if _is_row_of_numbers(log.first, rows) or (form.skip_rows and _has_number(log.first)):
         return form.model_copy(update={"header": False})
-    if len(rows) > 1 and _is_row_of_units(rows[0], form) and not _is_row_of_units(rows[1], form):
+    if _is_row_of_units(rows[0], rows[1:]):
         return form.model_copy(update={"units_row": True})
     return form
 
 
-def _from_the_table(path: Path, form: Delimited) -> tuple[Delimited, "DelimitedLog", list[Row]]:
-    """The form, with the lines to skip before a table that does not begin in the first one.
+def _lines_before(lines: Sequence[tuple[int, Row]]) -> int:
+    """How many lines stand before the header of the first rows that are a table; 0 if none are.
 
-    A line before it, as of the instrument and the day, has fewer cells than the table's rows.
+    A table is five rows of one width, or all there are, in which one column holds numbers. The line
+    above is its header if it is as wide and holds none; below it units may stand.
     """
-    whole = DelimitedLog(path, form)
-    shown = list(itertools.islice(whole.rows(), _LOOKED_AT))
-    if not shown or _has_numbers(whole.first, shown):
-        return form, whole, shown
-    widest = 1
-    for skipped in range(1, _MOST_BEFORE):
-        later = form.model_copy(update={"skip_rows": skipped})
-        try:
-            log = DelimitedLog(path, later)
-        except UnusableInput:  # the text ends here
-            break
-        if log.starts_at > skipped + 1:  # a line is blank
+    for i, (number, cells) in enumerate(lines):
+        run, columns = 0, set(range(len(cells)))
+        for _, row in lines[i : i + _LOOKED_AT]:
+            columns = {c for c in columns if len(row) == len(cells) and _is_number_somehow(row[c])}
+            if not columns:
+                break
+            run += 1
+        if run < _ROWS and not (run > 1 and i + run >= len(lines) - 1):
             continue
-        rows = list(itertools.islice(log.rows(), _LOOKED_AT))
-        if len(log.first) > widest and _has_numbers(log.first, rows):
-            return later, log, rows
-        widest = max(widest, len(log.first))
-    return form, whole, shown
+        above = [row for row in lines[max(i - 2, 0) : i] if len(row[1]) == len(cells)]
+        names = [row for row in above if any(row[1]) and not _has_number(row[1])]
+        numbers = [row for _, row in lines[i : i + run]]
+        if len(names) == 2 and _is_row_of_units(names[1][1], numbers):
+            return names[0][0] - 1
+        is_header = bool(names) and names[-1] == lines[i - 1]
+        return (names[-1][0] if is_header else number) - 1
+    return 0
 
 
-def _has_numbers(first: Row, rows: Sequence[Row]) -> bool:
+def _is_table(first: Row, rows: Sequence[Row]) -> bool:
     """Whether rows are as wide as the first, and a column holds numbers, below its unit or not."""
-    if not rows or any(len(row) != len(first) for row in rows[:-1]):
+    if any(len(row) != len(first) for row in rows[:-1]):
         return False
-    below = rows[1:] or rows
-    return any(
-        all(_is_number_somehow(row[i]) for row in below if i < len(row)) for i in range(len(first))
-    )
+    return bool(_columns_of_numbers(rows[1:] if _is_row_of_units(rows[0], rows[1:]) else rows))
+
+
+def _columns_of_numbers(rows: Sequence[Row]) -> list[int]:
+    """The columns that hold numbers, some of which may be missing."""
+    return [
+        i
+        for i in range(min(map(len, rows), default=0))
+        if any(_is_number_somehow(row[i]) for row in rows)
+        and all(_is_number_somehow(row[i]) or _is_missing(row[i]) for row in rows)
+    ]
+
+
+def _is_missing(cell: str) -> bool:
+    return cell.strip().lower() in _MISSING
 
 
 def _is_number_somehow(cell: str) -> bool:
-    """Whether it is a number, with a point or a comma, or stands for one that is missing."""
+    """Whether it is a number, with a point or a comma before its decimals."""
     plain = cell.strip().lower()
-    return plain in _MISSING or _is_number(plain.replace(",", "."))
+    return plain not in _MISSING and _is_number(plain.replace(",", ".", 1))
 
 
-def _is_row_of_units(cells: Sequence[str], form: Delimited) -> bool:
-    """Whether a row holds units and no number; a dash or an empty cell says that there is none."""
-    texts = [_plain_unit(cell) for cell in cells]
-    named = [text for text in texts if text]
-    return (
-        bool(named)
-        and all(_is_text(text, form) and is_known(text) for text in named)
-        and any(not same_unit(text, "1") for text in named)
+def _has_number(cells: Row) -> bool:
+    """Whether a cell is a number; columns may be called by their places: 0, 1, 2."""
+    return not _is_counted(cells) and any(map(_is_number_somehow, cells))
+
+
+def _is_counted(cells: Row) -> bool:
+    """Whether cells are 0, 1, 2, … or 1, 2, 3, …, as columns are called that have no names.
+
+    The first may be blank, as above the rows' own names.
+    """
+    texts = [cell.strip() for cell in cells]
+    named = texts[1:] if texts and not texts[0] else texts
+    return bool(named) and any(
+        named == [str(i + first) for i in range(len(named))] for first in (0, 1)
     )
+
+
+def _is_row_of_numbers(cells: Row, rows: Sequence[Row]) -> bool:
+    """Whether a first row is one of the table's, not its header.
+
+    Whole numbers above columns that all have decimals are names, as of years.
+    """
+    if _is_counted(cells) or not any(map(_is_number_somehow, cells)):
+        return False
+    if not all(_is_number_somehow(cell) or _is_missing(cell) for cell in cells):
+        return False
+    texts = [cell.strip() for cell in cells]
+    are_whole = all(text.lstrip("+-").isdigit() for text in texts) and len({*texts}) == len(texts)
+    return not (are_whole and all(_has_decimals(rows, i) for i in range(len(texts))))
+
+
+def _has_decimals(rows: Sequence[Row], column: int) -> bool:
+    cells = [row[column].strip() for row in rows if column < len(row)]
+    return any(_is_number_somehow(cell) and not cell.lstrip("+-").isdigit() for cell in cells)
+
+
+def _is_row_of_units(cells: Row, below: Sequence[Row]) -> bool:
+    """Whether a row holds units and no number, above at least half of the columns of numbers.
+
+    A dash or an empty cell says that there is none; some may be unknown here.
+    """
+    texts = [_plain_unit(cell) for cell in cells]
+    known = [text for text in texts if text and is_known(text) and not same_unit(text, "1")]
+    numbers = [i for i in _columns_of_numbers(below) if i < len(texts)]
+    above = [i for i in numbers if texts[i]]
+    return bool(known and numbers) and 2 * len(above) >= len(numbers) and not _has_number(cells)
 
 
 def _plain_unit(cell: str) -> str:
     """A unit without what it stands in: [m/s] and (m/s) are m/s, and - is none."""
     return cell.strip().strip("[]()").strip().strip("-")
-
-
-def _is_row_of_numbers(cells: Sequence[str], form: Delimited) -> bool:
-    """Whether a first row is one of the table's, not its header; columns may be called 1, 2, 3."""
-    texts = [cell.strip() for cell in cells]
-    places = [[str(i + first) for i in range(len(texts))] for first in (0, 1)]
-    return texts not in places and not any(_is_text(text, form) for text in texts)
 
 
 def _has_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
@@ -183,19 +237,19 @@ class DelimitedLog:
         first = next(rows, None)
         if first is None:
             raise UnusableInput(f"{path}: is empty; give a log with a header and rows.")
-        self.starts_at, cells = first
+        _, cells = first
         self.first: Row = cells
-        self._lacks_header = form.header and _is_row_of_numbers(cells, form)
-        if self._lacks_header:
-            self.notes.append(
-                f"{path}: its first row, which holds numbers, was taken for names and left out; "
-                "header = false in [csv] reads it"
-            )
         named = [cell.strip() for cell in cells] if form.header else [""] * len(cells)
         self._names = [name or f"#{i}" for i, name in enumerate(named, 1)]
         units = next(rows, (0, []))[1] if form.header and form.units_row else []
         self._units = dict(zip(self._names, map(_plain_unit, units), strict=False))
         self._example = next(rows, (0, []))[1] if form.header else cells
+        self._lacks_header = form.header and _is_row_of_numbers(cells, [self._example])
+        if self._lacks_header:
+            self.notes.append(
+                f"{path}: its first row, which holds numbers, was taken for names and left out; "
+                "header = false in [csv] reads it"
+            )
 
     def fields(self) -> list[Field]:
         """Every column, vectors number by number."""
@@ -234,6 +288,31 @@ class DelimitedLog:
         yield from (
             cells for _, cells in itertools.islice(self._rows(), int(self._form.header), None)
         )
+
+    def first_lines(self) -> list[tuple[int, Row]]:
+        """The first lines that are no comments, each parted by what is most often in it."""
+        marks = (self._form.comment or _COMMENT, _COMMENT)
+        found = []
+        with _opened(self.path, self._form.encoding) as file:
+            for number, line in itertools.islice(self._text_lines(file), _MOST_BEFORE):
+                if not line.startswith(marks):
+                    delimiter = self._form.delimiter or _delimiter(line)
+                    found.append((number, [cell.strip() for cell in _cells(line, delimiter)]))
+        return found
+
+    def uneven(self) -> UnusableInput | None:
+        """What is wrong with rows of another width than the header's; None where none is."""
+        try:
+            for _ in self._blocks():
+                pass
+        except UnusableInput as error:
+            return error
+        return None
+
+    def line(self, number: int) -> str:
+        """A line of the text, the first of which is 1, without its end."""
+        with _opened(self.path, self._form.encoding) as file:
+            return next(itertools.islice(file, number - 1, None), "").strip()
 
     def place(self, address: str, index: int) -> str:
         """The line of a row."""

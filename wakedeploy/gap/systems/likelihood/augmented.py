@@ -44,7 +44,7 @@ class Acting:
     ) -> None:
         self.system, self.effects, self.sizes, self.form = system, tuple(effects), sizes, form
         # Looked up once: the functions below are called in every step.
-        self._has_step, self._takes_forces = system.has_step, system.takes_forces
+        self._has_step = system.has_step
         # What a rate is multiplied by to be added to what the system returns.
         self._dt_s = 1.0 / system.rate_hz if system.has_step else 1.0
         self.states = (*system.states, *(n for e in effects for n in e.own_states))
@@ -58,6 +58,8 @@ class Acting:
         self._of["input"].sort(key=lambda e: not isinstance(e.kind, Saturation))
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
         self._smooth = [e for e in self._of["force"] if e not in self._dry]
+        self._given = [e for e in self._smooth if system.distributes(e.port)]
+        self._beside = [e for e in self._smooth if e not in self._given]
         self.remembers = any(e.own_states for e in self._smooth)
         self._known = {p.name: p for p in system.ports if p.friction}
         ports = dict.fromkeys([*self._known, *(e.port.name for e in self._dry)])
@@ -157,12 +159,12 @@ class Acting:
         own_rates: dict[str, Any] = {}
         inputs = self._arriving(inputs, named, values, time_s, own_rates)
         driven = Point("input", inputs)
-        if self._takes_forces and self._smooth:
+        if self._given:
             rates = self._loaded(named, state, driven, c, values, own_rates)
         else:
             rates = self.system.rates(state, driven, c)
         base = dict(rates)
-        for effect in () if self._takes_forces else self._smooth:
+        for effect in self._beside:
             self._force(effect, named, base, inputs, c, values, rates, own_rates)
         for effect in self._of["custom"]:
             self._custom(effect, state, driven, values, time_s, rates)
@@ -252,7 +254,7 @@ class Acting:
         changes = np.zeros((len(self.states), *speed.shape[1:]))
         if not strength.any():
             return changes
-        if not self._takes_forces:
+        if not self.system.distributes(port):
             inertia = getattr(c, port.inertia) if port.inertia else 1.0
             changes[self.states.index(port.name)] = self._dt_s / inertia
             if self._has_step and port.position:  # a derivative brings this by itself
@@ -396,7 +398,7 @@ class Acting:
         own_rates: dict[str, Any],
     ) -> dict[str, Any]:
         """Rates of a system that distributes forces itself, under the forces of the effects."""
-        effects = self._smooth
+        effects = self._given
         asks = any(e.kind.needs == ("inertia",) for e in effects)
         base = self.system.rates(state, driven, c) if asks else {}
         inputs = {i.name: getattr(driven, i.name) for i in self.system.inputs}
