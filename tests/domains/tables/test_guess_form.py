@@ -206,7 +206,7 @@ def test_names_that_are_fewer_than_the_columns_are_no_header_and_shown(tmp_path:
 
 
 @pytest.mark.parametrize(
-    "header", [",0,1,2", '"","1","2","3"', "2019,2020,2021,2022", "10,20,30,40"]
+    "header", [",0,1,2", ",0.0,0.5,1.0", '"","1","2","3"', "2019,2020,2021,2022", "10,20,30,40"]
 )
 def test_numbers_that_are_names_stay_names(header: str, tmp_path: Path) -> None:
     """As pandas writes a table without names, or one by years."""
@@ -224,6 +224,15 @@ def test_a_unit_that_is_not_known_hinders_no_other(units: str, tmp_path: Path) -
     guessed, columns = read(path)
     assert "units_row = true" in guessed
     assert columns[:, 0] == pytest.approx(ROWS[:, 1], abs=1e-5)
+
+
+@pytest.mark.parametrize("parting", ["-,-,-", "---,---,---", "float,float,double", "=,=,="])
+def test_what_parts_names_from_numbers_is_passed_over(parting: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,x,w\n{parting}\n" + NUMBERS)
+    guessed, columns = read(path)
+    assert 'column = "x"\nrole = "unused"\nunit = "1"' in guessed
+    assert columns == pytest.approx(ROWS[:, 1:], abs=1e-5)
 
 
 def test_a_row_of_states_is_no_row_of_units(tmp_path: Path) -> None:

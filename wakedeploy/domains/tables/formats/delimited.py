@@ -47,6 +47,7 @@ _NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
 _WITH_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _WITHIN_NUMBER = re.compile(r"(?<=[0-9]),(?=[0-9])")
 _WITH_POINT = re.compile(_WITH_COMMA.pattern.replace(",", r"\.", 1))
+_PARTING = re.compile(r"[-=_+]+|(?:float|double|int|uint|real)[0-9]*")
 _MISSING = {"", "nan", "null", "none", "na", "n/a"}
 _BOOLEAN = {"true": 1.0, "false": 0.0}
 _UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
@@ -173,6 +174,8 @@ def _is_row_of_numbers(cells: Row, rows: Sequence[Row]) -> bool:
         return False
     if not all(_is_number_somehow(cell) or _is_missing(cell) for cell in cells):
         return False
+    if not cells[0].strip() and any(row and _is_number_somehow(row[0]) for row in rows):
+        return False  # the rows have a name each, and their names have none
     texts = [cell.strip() for cell in cells]
     are_whole = all(text.lstrip("+-").isdigit() for text in texts) and len({*texts}) == len(texts)
     return not (are_whole and all(_has_decimals(rows, i) for i in range(len(texts))))
@@ -186,13 +189,17 @@ def _has_decimals(rows: Sequence[Row], column: int) -> bool:
 def _is_row_of_units(cells: Row, below: Sequence[Row]) -> bool:
     """Whether a row holds units and no number, above at least half of the columns of numbers.
 
-    A dash or an empty cell says that there is none; some may be unknown here.
+    A dash or an empty cell says that there is none; some may be unknown here. A line that parts
+    names from numbers, and the types of numbers, stand in the same place.
     """
+    numbers = [i for i in _columns_of_numbers(below) if i < len(cells)]
+    if not numbers or _has_number(cells):
+        return False
+    if all(_PARTING.fullmatch(cells[i].strip().lower()) for i in numbers):
+        return True
     texts = [_plain_unit(cell) for cell in cells]
     known = [text for text in texts if text and is_known(text) and not same_unit(text, "1")]
-    numbers = [i for i in _columns_of_numbers(below) if i < len(texts)]
-    above = [i for i in numbers if texts[i]]
-    return bool(known and numbers) and 2 * len(above) >= len(numbers) and not _has_number(cells)
+    return bool(known) and 2 * sum(bool(texts[i]) for i in numbers) >= len(numbers)
 
 
 def _plain_unit(cell: str) -> str:
@@ -242,7 +249,10 @@ class DelimitedLog:
         named = [cell.strip() for cell in cells] if form.header else [""] * len(cells)
         self._names = [name or f"#{i}" for i, name in enumerate(named, 1)]
         units = next(rows, (0, []))[1] if form.header and form.units_row else []
-        self._units = dict(zip(self._names, map(_plain_unit, units), strict=False))
+        self._units = {
+            name: "" if _PARTING.fullmatch(unit.strip().lower()) else _plain_unit(unit)
+            for name, unit in zip(self._names, units, strict=False)
+        }
         self._example = next(rows, (0, []))[1] if form.header else cells
         self._lacks_header = form.header and _is_row_of_numbers(cells, [self._example])
         if self._lacks_header:
