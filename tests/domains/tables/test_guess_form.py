@@ -78,6 +78,17 @@ def test_a_file_of_another_kind_says_how_to_convert_it(
         guess_columns(tmp_path / name)
 
 
+def test_a_table_without_a_header_may_have_words_and_dates(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"2020-01-01T10:00:{k:02d},ON,{k / 7:.3f}\n" for k in range(50))
+    path.write_text(rows)
+    guessed, columns = read(path)
+    assert "header = false" in guessed
+    assert columns[:, -1] == pytest.approx(np.arange(50) / 7, abs=1e-3)
+    path.write_text("when,state,x\n" + rows)
+    assert "header" not in guess_columns(path)
+
+
 def test_without_a_header_and_with_decimal_commas(tmp_path: Path) -> None:
     path = tmp_path / "log.txt"
     path.write_text(text(ROWS[:, 1:], ";", ","))

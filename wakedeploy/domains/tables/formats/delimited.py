@@ -166,19 +166,20 @@ def _is_counted(cells: Row) -> bool:
 
 
 def _is_row_of_numbers(cells: Row, rows: Sequence[Row]) -> bool:
-    """Whether a first row is one of the table's, not its header.
+    """Whether a first row is one of the table's, not its header: numbers above all numbers.
 
     Whole numbers above columns that all have decimals are names, as of years.
     """
-    if _is_counted(cells) or not any(map(_is_number_somehow, cells)):
+    numbers = [i for i in _columns_of_numbers(rows) if i < len(cells)]
+    heads = [cells[i].strip() for i in numbers]
+    if _is_counted(cells) or _is_counted(heads) or not any(map(_is_number_somehow, heads)):
         return False
-    if not all(_is_number_somehow(cell) or _is_missing(cell) for cell in cells):
+    if not all(_is_number_somehow(head) or _is_missing(head) for head in heads):
         return False
-    if not cells[0].strip() and any(row and _is_number_somehow(row[0]) for row in rows):
+    if not cells[0].strip() and 0 in numbers:
         return False  # the rows have a name each, and their names have none
-    texts = [cell.strip() for cell in cells]
-    are_whole = all(text.lstrip("+-").isdigit() for text in texts) and len({*texts}) == len(texts)
-    return not (are_whole and all(_has_decimals(rows, i) for i in range(len(texts))))
+    are_whole = all(head.lstrip("+-").isdigit() for head in heads) and len({*heads}) == len(heads)
+    return not (are_whole and all(_has_decimals(rows, i) for i in numbers))
 
 
 def _has_decimals(rows: Sequence[Row], column: int) -> bool:
