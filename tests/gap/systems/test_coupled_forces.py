@@ -305,6 +305,16 @@ def test_limits_and_ranges_of_a_model_are_no_hindrance():
 
     assert asked(Raising, 0.3) == []
 
+    class Guarded(Arm):
+        def derivative(self, state, inputs, c):
+            if np.any(np.abs(inputs.shoulder_nm) > 4.0):
+                raise ValueError("more than the motor gives")
+            return super().derivative(state, inputs, c)
+
+    model = logged(Guarded, 0.3)
+    model.logs[0].inputs[0, 0] = 9.0
+    assert bent_inputs(model) == []
+
 
 def test_a_force_like_an_input_that_the_model_limits_is_told():
     """A clip cuts the friction, too; an input that a law makes is what it acts on."""

@@ -62,7 +62,10 @@ def bent_inputs(model: LogModel) -> list[str]:
         logged = np.concatenate([log.inputs[place] for log in model.logs])
         ranked = np.argsort(logged)
         when = ranked[np.linspace(0, len(ranked) - 1, _TIMES).astype(int)]  # from least to most
-        does = _gains(model, when, alone=port.acts_like)[port.name, port.acts_like].ravel()
+        try:
+            does = _gains(model, when, alone=port.acts_like)[port.name, port.acts_like].ravel()
+        except UnusableInput:  # raised at a command that the logs do not have in this state
+            continue
         if np.ptp(does) > _BENT * float(np.abs(does).max()):
             notes.append(
                 f"force {port.name}: it is like {port.acts_like}, which the model limits or bends, "
