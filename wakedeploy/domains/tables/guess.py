@@ -226,7 +226,8 @@ def _doubts(form: Delimited, log: Log) -> dict[str, str]:
     if not form.header:
         doubts["header"] = "  # ? its first row holds numbers, no names"
     if form.skip_rows and isinstance(log, DelimitedLog):
-        above = log.line(form.skip_rows)[:_QUOTED]
+        lines = (log.line(number) for number in range(form.skip_rows, 0, -1))
+        above = next(filter(None, lines), "")[:_QUOTED]
         doubts["skip_rows"] = f"  # ? the last line before the table: {above!r}"
     return doubts
 
