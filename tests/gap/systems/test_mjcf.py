@@ -17,7 +17,7 @@ from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.mjcf.corrected import CORRECTED, RANGES
-from wakedeploy.gap.systems.mjcf.elements import read_elements
+from wakedeploy.gap.systems.mjcf.reading import read_elements
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem
 from wakedeploy.gap.systems.mjcf.template import coupling_notes, mjcf_template
 
@@ -347,7 +347,7 @@ def test_files_may_have_any_names(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("<mujoco", "it is no XML (unclosed token"),
-        ("<mujoco/>", "no hinge or slide joint"),
+        ("<mujoco/>", "nothing moves in it"),
         (ARM.replace("armature", "armatur", 1), "MuJoCo cannot read it (XML Error"),
         (ARM.replace('armature="0.005"', 'armature="inf"'), "joint has armature='inf'"),
         (ARM.replace('armature="0.005"', 'armature="-0.005"').replace('mass="0.3"', 'mass="1e-9"'),
@@ -362,7 +362,7 @@ def test_files_may_have_any_names(tmp_path: Path) -> None:
          "more than 5000 elements"),
         ("<!DOCTYPE mujoco [<!ENTITY a 'b'>]>" + ARM.strip(), "it declares a document type"),
         (_ALL_BUT_SENSORS.replace('axis="0 1 0"', 'type="ball"', 1),
-         "joint 'shoulder' is free or a ball"),
+         "joint 'shoulder' is a ball"),
         (ARM.replace('name="elbow" axis', "axis").replace('joint="elbow"', 'joint="shoulder"'),
          'a joint has no name (number 2 of the model), and logs refer to it by name; add name="'),
         (ARM.replace('<position name="elbow"', "<position"),
@@ -406,9 +406,9 @@ def test_mujoco_s_warnings_go_nowhere(tmp_path: Path) -> None:
                     .replace('mass="0.3"', masses[1]))  # fmt: skip
     code = (
         "from pathlib import Path\n"
-        "from wakedeploy.gap.systems.mjcf import elements\n"
-        "try: elements.read_elements(Path('arm.xml'))\n"
-        "except elements.UnusableInput: pass\n"
+        "from wakedeploy.gap.systems.mjcf import reading\n"
+        "try: reading.read_elements(Path('arm.xml'))\n"
+        "except reading.UnusableInput: pass\n"
     )
     ended = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True

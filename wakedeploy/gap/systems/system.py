@@ -357,6 +357,10 @@ class StateSpace:
         """
         return []
 
+    def geometric(self) -> tuple[str, ...]:
+        """States whose rates are geometry, which nothing disturbs; none unless overridden."""
+        return ()
+
     def start(self, measured: Point) -> Mapping[str, Any]:
         """States at the first sample that the outputs do not show; none unless overridden."""
         return {}

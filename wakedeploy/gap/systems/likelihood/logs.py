@@ -561,7 +561,8 @@ class LogModel(ComparisonDefaults):
     def _driven(self) -> tuple[str, ...]:
         """States with noisy rates: all but integrals, memories and those said to be exact."""
         stated = self.system.process_noise
-        exact = {n for n, size in stated.items() if size == 0.0} | {*self._kinematic}
+        exact = {n for n, size in stated.items() if size == 0.0}
+        exact |= {*self._kinematic, *self.system.geometric()}
         acted_on = {p.name for p in self.system.ports if p.role in ("force", "custom")}
         kept = exact | {n for n in self.system.remembered() if n not in {*stated, *acted_on}}
         # A model that is nothing but memory has its noise there.

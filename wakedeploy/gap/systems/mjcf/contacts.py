@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco, silent
+from wakedeploy.gap.systems.mjcf.elements import Elements
+from wakedeploy.gap.systems.mjcf.reading import mujoco, silent
 from wakedeploy.gap.systems.system import FloatArray
 from wakedeploy.gap.wording import listed
 
@@ -60,8 +61,8 @@ def _touching(elements: Elements, places: FloatArray) -> list[set[tuple[int, ...
     library, model = mujoco(elements.path), elements.model
     data, found = library.MjData(model), []
     with silent(library):
-        for place in places:
-            data.qpos[[j.qpos for j in elements.joints]] = place
+        for place in elements.positions(places):
+            data.qpos[:] = place
             library.mj_fwdPosition(model, data)
             found.append({_bodies(model, c) for c in data.contact if _pushes(c)})
     return found

@@ -18,7 +18,7 @@ import tomli_w
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.mjcf.effects import add_commands, add_effect
-from wakedeploy.gap.systems.mjcf.elements import Elements, read_spec
+from wakedeploy.gap.systems.mjcf.elements import Elements
 from wakedeploy.gap.systems.mjcf.ranges import (
     CORRECTED,
     RANGES,
@@ -28,6 +28,7 @@ from wakedeploy.gap.systems.mjcf.ranges import (
     Range,
     add_constants,
 )
+from wakedeploy.gap.systems.mjcf.reading import read_spec
 from wakedeploy.gap.systems.system import Constant
 
 _LINEAR = 1  # interpolation between the commands that an actuator remembers

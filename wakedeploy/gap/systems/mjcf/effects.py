@@ -42,6 +42,8 @@ def add_effect(written: Fitted, effect: Found) -> None:
 def _added(written: Fitted, effect: Found) -> str:
     for joint in written.elements.joints:
         if joint.speed == effect.port and effect.kind in _OF_JOINT:
+            if joint.body:
+                return _without(effect, f"{joint.body!r} moves freely, without a joint to carry it")
             return _OF_JOINT[effect.kind](written, joint, effect)
     for actuator in written.elements.actuators:
         if actuator.command == effect.port and effect.kind in _OF_ACTUATOR:

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco, read_elements
+from wakedeploy.gap.systems.mjcf.elements import Elements
+from wakedeploy.gap.systems.mjcf.free_bodies import angle_rates, turning
 from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
+from wakedeploy.gap.systems.mjcf.reading import mujoco, read_elements
 from wakedeploy.gap.systems.own_system import System
 from wakedeploy.gap.systems.system import FloatArray, Point
 
@@ -33,9 +35,12 @@ class MjcfSystem(System):
 
     States are `<joint>_rad` and `<joint>_radps` (`_m` and `_mps` for slides), inputs
     `<actuator>_command`, outputs positions or speeds of joints; each is (N,) where N points are
-    tried at once, in SI units. Constants are attributes of the file that may be off; one that is
-    left away stays as the file has it. Forces at ports act through the mass matrix. UnusableInput
-    says by name what the file does not have, and what is damaged in it.
+    tried at once, in SI units. A body that moves freely has `<body>_x_m`, `_y_m` and `_z_m` with
+    `<body>_x_mps` and so on along the world's axes; `<body>_roll_rad`, `_pitch_rad` and `_yaw_rad`
+    of its origin's frame; and `<body>_p_radps`, `_q_radps` and `_r_radps`, by which it turns about
+    its own axes. Constants are attributes of the file that may be off; one that is left away stays
+    as the file has it. Forces at ports act through the mass matrix. UnusableInput says by name what
+    the file does not have, and what is damaged in it.
     """
 
     mjcf: ClassVar[str | Path]
@@ -80,8 +85,27 @@ class MjcfSystem(System):
         x, u, k = (_flat(values, shape) for values in (states, driven, constants))
         rates = self._advanced(x, u, k).reshape(*shape, -1)
         first = {j.position: getattr(state, j.speed) for j in joints}
+        for angles in self._elements.free_angles:
+            at, by = ([getattr(state, n) for n in names] for names in zip(
+                *((a.position, a.speed) for a in angles), strict=True))  # fmt: skip
+            first |= zip((a.position for a in angles), angle_rates(at, by), strict=True)
         later = [*(j.speed for j in joints), *(a.state for a in acting)]
-        return first | {name: rates[..., len(joints) + i] for i, name in enumerate(later)}
+        return first | {name: rates[..., i] for i, name in enumerate(later)}
+
+    def geometric(self) -> tuple[str, ...]:
+        """The angles of bodies that move freely."""
+        return tuple(a.position for angles in self._elements.free_angles for a in angles)
+
+    def start(self, measured: Point) -> Mapping[str, Any]:
+        """How a body that moves freely turns along a log, from its angles; see `System.start`."""
+        found: dict[str, Any] = {}
+        shown = vars(measured)
+        for angles in self._elements.free_angles:
+            at = [shown[a.position] for a in angles if a.position in shown]
+            if len(at) == len(angles) and np.size(at[0]) > 1:
+                rates = [np.gradient(values, 1.0 / self.rate_hz) for values in at]
+                found |= zip((a.speed for a in angles), turning(at, rates), strict=True)
+        return {name: row for name, row in found.items() if name not in shown}
 
     def export(self, answer: "Answer", out: Path) -> list[str]:
         """An answer as a corrected MJCF with ranges, in a folder; sentences about what is there.
@@ -99,12 +123,17 @@ class MjcfSystem(System):
         return contact_notes(self._elements, outputs)
 
     def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
-        """Rates (N, n) of states (N, n) under commands and forces (N, m) and constants (N, k)."""
+        """Rates of speeds and activations (N, v), after those of positions in states (N, n).
+
+        Commands and forces are (N, m), constants (N, k).
+        """
+        model, joints = self._elements.model, len(self._elements.joints)
         if not len(x):
-            return np.empty_like(x)
+            return np.empty((0, x.shape[1] - joints))
         lost = ~((np.abs(x).max(1) < _FARTHEST) & (np.abs(u).max(1) < _STRONGEST))
         x, u = np.where(lost[:, None], 0.0, x), np.where(lost[:, None], 0.0, u)
-        full = np.concatenate([np.zeros((len(x), 1)), x], axis=1)
+        places = self._elements.positions(x[:, :joints])
+        full = np.concatenate([np.zeros((len(x), 1)), places, x[:, joints:]], axis=1)
         spec = self._library.mjtState
         result = np.empty((len(x), 1, full.shape[1]))
         sensed = np.empty((len(x), 1, self._plain.nsensordata))
@@ -116,7 +145,7 @@ class MjcfSystem(System):
             control_spec=int(spec.mjSTATE_CTRL) | int(spec.mjSTATE_QFRC_APPLIED),
             nstep=1, state=result, sensordata=sensed, skip_checks=True,
         )  # fmt: skip
-        rates = np.asarray((result[:, 0, 1:] - x) / _STEP_S)
+        rates = np.asarray((result[:, 0, 1 + model.nq :] - x[:, joints:]) / _STEP_S)
         rates[lost] = np.nan
         return rates
 

@@ -9,7 +9,8 @@ import textwrap
 from dataclasses import replace
 from pathlib import Path
 
-from wakedeploy.gap.systems.mjcf.elements import Actuator, Attribute, Elements, Joint, read_elements
+from wakedeploy.gap.systems.mjcf.elements import Actuator, Attribute, Elements, Joint
+from wakedeploy.gap.systems.mjcf.reading import read_elements
 from wakedeploy.gap.systems.template import class_name, filled, in_docstring, literal
 from wakedeploy.gap.wording import listed
 
@@ -18,6 +19,11 @@ _UNITS = {  # of a command, by what it asks for: on a slide, on a hinge
     "pressure": ("Pa", "Pa"), "voltage": ("V", "V"),
 }  # fmt: skip
 _NOISE = {"_rad": 1e-3, "_m": 1e-4, "_radps": 1e-2, "_mps": 1e-3}
+
+_BODY = """
+BODY = [  # what acts on a body that moves freely, along the world's axes and about its own
+    "viscous-friction", "quadratic-drag", "added-inertia", "offset", "ground-effect",
+]"""
 
 _TEXT = '''"""STEM: the MuJoCo model FILE, as a system for `wakedeploy gap`."""
 
@@ -31,7 +37,7 @@ JOINT = [
     "viscous-friction", "coulomb-friction", "stribeck-friction", "pre-sliding-friction",
     "quadratic-drag", "added-inertia", "stiffness", "gravity", "offset", "periodic-force",
 ]
-SENSOR = ["sensor-gain", "sensor-bias", "sensor-lag", "sensor-dead-time"]
+SENSOR = ["sensor-gain", "sensor-bias", "sensor-lag", "sensor-dead-time"]BODIES
 
 
 class CLASS(MjcfSystem):
@@ -83,6 +89,7 @@ def mjcf_template(model: Path, target: Path) -> str:
         part: "\n".join(f"        {line}" for line in lines) for part, lines in sections.items()
     }
     values |= {"CLASS": class_name(target.stem), "STEM": in_docstring(target.stem)}
+    values |= {"BODIES": _BODY if any(j.body for j in elements.joints) else ""}
     return filled(_TEXT, values | {"FILE": in_docstring(file), "PLACE": literal(file)})
 
 
@@ -109,10 +116,16 @@ def _states(elements: Elements) -> list[tuple[str, str]]:
 
 
 def _outputs(elements: Elements) -> list[tuple[str, str]]:
-    """What sensors of joints show, or every position where the model has no such sensor."""
+    """What sensors of joints show, or every position where the model has no such sensor.
+
+    Where a body is that moves freely is logged by what stands beside it.
+    """
     of_joints = _states(elements)[: 2 * len(elements.joints)]
-    shown = [(n, u) for n, u in of_joints if n in elements.sensed]
-    return shown or [(n, u) for n, u in of_joints if u in ("rad", "m")]
+    beside = {j.position for j in elements.joints if j.body}
+    sensed = {*elements.sensed, *beside}
+    if len(sensed) == len(beside):
+        sensed |= {j.position for j in elements.joints}
+    return [(n, u) for n, u in of_joints if n in sensed]
 
 
 def _input(actuator: Actuator, elements: Elements) -> str:
@@ -123,6 +136,8 @@ def _input(actuator: Actuator, elements: Elements) -> str:
 def _unit(actuator: Actuator, elements: Elements) -> str:
     """A command's unit: that of what it asks for, "1" where joint and actuator do not say."""
     turns = next((j.turns for j in elements.joints if j.name == actuator.joint), None)
+    if actuator.site_unit:
+        return actuator.site_unit
     if actuator.follows in ("pressure", "voltage"):
         return _UNITS[actuator.follows][0]
     return "1" if turns is None or not actuator.follows else _UNITS[actuator.follows][turns]
@@ -152,6 +167,9 @@ def _inertia(joint: Joint) -> str:
 
 
 def _force(joint: Joint) -> str:
+    if joint.body:
+        height = f'height="{joint.position}", ' if joint.word.endswith("_z") else ""
+        return f'Port.force("{joint.speed}", inertia="{joint.inertia_name}", {height}kinds=BODY),'
     return (
         f'Port.force("{joint.speed}", inertia="{joint.inertia_name}", '
         f'position="{joint.position}", kinds=JOINT),'

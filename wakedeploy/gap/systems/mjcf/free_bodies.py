@@ -1,0 +1,49 @@
+"""A body that moves freely, as six axes: three along the world's, and three angles.
+
+In: states of the axes. Out: MuJoCo's positions, and the rates of the angles. MuJoCo has speeds
+along the world's axes, turning rates about the body's own, and a quaternion. As states, four
+numbers of which three are free would each get noise of their own. Roll, pitch and yaw are free of
+that; they turn about x, y and z, yaw last (Diebel, Representing Attitude, Stanford 2006). Where
+pitch nears 90°, the rates of roll and yaw have no end.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.gap.systems.system import FloatArray
+
+SLIDES, ANGLES, TURNS = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
+
+
+def quaternion(roll: Any, pitch: Any, yaw: Any) -> FloatArray:
+    """The orientation (4, …), real part first, of angles (…) [rad]."""
+    half = [np.asarray(angle, dtype=float) / 2.0 for angle in (roll, pitch, yaw)]
+    (sr, sp, sy), (cr, cp, cy) = ([f(h) for h in half] for f in (np.sin, np.cos))
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
+
+
+def angle_rates(angles: Sequence[Any], turns: Sequence[Any]) -> tuple[Any, Any, Any]:
+    """How fast roll, pitch and yaw change [rad/s] where the body turns by p, q, r [rad/s]."""
+    (roll, pitch, _), (p, q, r) = angles, turns
+    about = q * np.sin(roll) + r * np.cos(roll)
+    return p + about * np.tan(pitch), q * np.cos(roll) - r * np.sin(roll), about / np.cos(pitch)
+
+
+def turning(angles: Sequence[Any], rates: Sequence[Any]) -> tuple[Any, Any, Any]:
+    """The reverse: p, q, r [rad/s] where roll, pitch and yaw change so fast [rad/s]."""
+    (roll, pitch, _), (of_roll, of_pitch, of_yaw) = angles, rates
+    along = of_yaw * np.cos(pitch)
+    return (
+        of_roll - of_yaw * np.sin(pitch),
+        of_pitch * np.cos(roll) + along * np.sin(roll),
+        along * np.cos(roll) - of_pitch * np.sin(roll),
+    )
