@@ -231,11 +231,15 @@ def _is_noisy(values: FloatArray) -> bool:
 
 def _curves(model: LogModel) -> list[str]:
     """Inputs that act by a curve: behind that stands no port."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for name, states in model.curves.items():
+        alike.setdefault(states, []).append(name)
     return [
-        f"input {name}: the rate of {listed(states)} goes with a curve of it. What lags behind "
-        "that curve, as a motor behind the square of its command, has no port: state the curve as "
-        "an input of its own, Input(…, law=…)."
-        for name, states in model.curves.items()
+        f"{'inputs' if len(names) > 1 else 'input'} {listed(names)}: the rate of {listed(states)} "
+        f"goes with a curve of {'each' if len(names) > 1 else 'it'}. What lags behind that curve, "
+        "as a motor behind the square of its command, has no port: state the curve as an input of "
+        "its own, Input(…, law=…)."
+        for states, names in alike.items()
     ]
 
 

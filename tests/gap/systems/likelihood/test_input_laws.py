@@ -197,6 +197,34 @@ def test_what_is_a_curve_is_asked_where_the_log_has_been(rate, is_curve):
     assert (model.curves == {"pulse_us": ("speed_mps",)}) == is_curve
 
 
+class Servo(System):
+    """Holds a depth that is asked for, with no more force than it has."""
+
+    rate_hz = 20.0
+    inputs: ClassVar = [Input("wanted_m", "m")]
+    states: ClassVar = {"depth_m": "m", "speed_mps": "m/s"}
+    outputs: ClassVar = [Output("depth_m", "m", noise=1e-3)]
+    constants: ClassVar = [Constant("most_n", 3.0)]
+    ports: ClassVar = [Port.input("wanted_m")]
+
+    def derivative(self, state, inputs, c):
+        pull = np.clip(20.0 * (inputs.wanted_m - state.depth_m), -c.most_n, c.most_n)
+        return {"depth_m": state.speed_mps, "speed_mps": pull - 6.0 * state.speed_mps}
+
+
+@pytest.mark.parametrize(("most_n", "is_curve"), [(3.0, False), (0.3, True)])
+def test_a_servo_s_limit_is_a_curve_only_where_it_was_reached(most_n, is_curve):
+    class Limited(Servo):
+        constants: ClassVar = [Constant("most_n", most_n)]
+
+    time_s = np.arange(600) / 20.0
+    wanted = 0.6 * np.sin(0.25 * time_s)  # half a force of 3 N: as asked from where it is, 12 N
+    columns = {"wanted_m": wanted, "depth_m": np.zeros(600)}
+    depth = Limited().simulate(Recording("dive", time_s, columns))["depth_m"]
+    model = LogModel(checked(Limited()), [Recording("dive", time_s, columns | {"depth_m": depth})])
+    assert (model.curves == {"wanted_m": ("speed_mps",)}) == is_curve
+
+
 class Steered(System):
     """A cart whose steering, by a curve, does not move how fast it goes."""
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.units import same_unit
 from wakedeploy.gap.evidence.fits import FloatArray
-from wakedeploy.gap.systems.system import Point
+from wakedeploy.gap.systems.system import Point, StateSpace
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
@@ -18,12 +19,15 @@ if TYPE_CHECKING:
 _PLACES, _ALONG = 40, 9  # samples of the logs that are looked at, and values of an input there
 _BENT = 0.05  # of the way that a rate goes: a curve is this far from a straight line
 _MOVES = 1e-9  # of a rate: a smaller change is rounding
+_NUDGE, _FOLLOWS = 1e-3, 0.2  # of an input's range; of what the input does by itself
 
 
 def curves(model: "LogModel") -> dict[str, tuple[str, ...]]:
     """By input, the states whose rates follow a curve of it in the range of the logs.
 
-    A limit, a dead zone and a table are curves, too.
+    A limit, a dead zone and a table are curves, too. An input that asks for a state, as the command
+    of a servo, is tried as far from that state as it was: a limit of what the servo does is no
+    curve where it was never reached.
     """
     system = model.system
     inputs = np.concatenate([log.inputs for log in model.logs], axis=1)
@@ -32,19 +36,50 @@ def curves(model: "LogModel") -> dict[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
     for i, stated in enumerate(system.inputs):
         tried = np.repeat(inputs[:, None, at], _ALONG, axis=1)  # (i, _ALONG, _PLACES)
-        tried[i] = np.linspace(inputs[i].min(), inputs[i].max(), _ALONG)[:, None]
         there = np.repeat(states[:, None, at], _ALONG, axis=1)
-        state = Point("state", dict(zip(system.states, there, strict=True)))
-        driven = Point("input", dict(zip((s.name for s in system.inputs), tried, strict=True)))
         try:
-            with np.errstate(all="ignore"):
-                rates = system.rates(state, driven, system.values())
+            asked = _asked_for(system, i, inputs[:, at], states[:, at])
+            about = np.zeros_like(inputs[i]) if asked is None else states[asked]
+            ahead = inputs[i] - about
+            tried[i] = about[at] + np.linspace(ahead.min(), ahead.max(), _ALONG)[:, None]
+            rates = _rates(system, tried, there)
         except UnusableInput:  # a user's function need not work everywhere
             continue
         bent = [n for n, rate in rates.items() if _is_bent(np.broadcast_to(rate, tried[i].shape))]
         if bent:
             found[stated.name] = tuple(bent)
     return found
+
+
+def _rates(system: StateSpace, inputs: FloatArray, states: FloatArray) -> dict[str, FloatArray]:
+    """The system's own rates at inputs (i, …) and states (n, …), each (…)."""
+    state = Point("state", dict(zip(system.states, states, strict=True)))
+    driven = Point("input", dict(zip((s.name for s in system.inputs), inputs, strict=True)))
+    with np.errstate(all="ignore"):
+        rates = system.rates(state, driven, system.values())
+    return {n: np.broadcast_to(rate, states.shape[1:]) for n, rate in rates.items()}
+
+
+def _asked_for(system: StateSpace, i: int, inputs: FloatArray, states: FloatArray) -> int | None:
+    """The place of the state that an input asks for: moved with it, hardly any rate changes."""
+    small = _NUDGE * float(np.ptp(inputs[i])) or _NUDGE
+    moved = inputs.copy()
+    moved[i] += small
+    before, pushed = _rates(system, inputs, states), _rates(system, moved, states)
+    for j, unit in enumerate(system.states.values()):
+        if not same_unit(unit, system.inputs[i].unit):
+            continue
+        along = states.copy()
+        along[j] += small
+        both = _rates(system, moved, along)
+        driven = [n for n in before if np.any(pushed[n] != before[n])]
+        if driven and all(
+            np.median(np.abs(both[n] - before[n]))
+            < _FOLLOWS * np.median(np.abs(pushed[n] - before[n]))
+            for n in driven
+        ):
+            return j
+    return None
 
 
 def _is_bent(rates: FloatArray) -> bool:
