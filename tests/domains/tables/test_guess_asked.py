@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from wakedeploy.domains.tables.columns import parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
@@ -37,6 +38,9 @@ def found(asked: list[Asked], columns: dict[str, str | None]) -> dict[str, str]:
         (Asked("position_m", "output", "m"), "pos", None),
         (Asked("q_1_rad", "output", "rad"), "/joints/q[1]", None),
         (Asked("motor_command", "input", "rad"), "motor", None),
+        (Asked("shoulder_pan_command", "input", "rad"), "shoulder_pan_cmd", None),
+        (Asked("shoulder_pan_command", "input", "rad"), "action.shoulder_pan.pos", "deg"),
+        (Asked("elbow_ref_rad", "input", "rad"), "elbowTarget", None),
         (Asked("shoulder_rad", "output", "rad"), "/joint_states/shoulder.position", None),
         (Asked("oven_c", "output", "°C"), "Oven (°C)", "°C"),
         (Asked("oven_k", "output", "K"), "oven", "°C"),
@@ -59,6 +63,8 @@ def test_a_column_is_known_by_its_name_or_its_unit(asked: Asked, column: str, un
         (PLACE, {}),
         (PLACE, {"cart_ref": None}),
         (PLACE, {"cart_error_mm": "mm"}),
+        (Asked("pan_command", "input", "rad"), {"pan_cmd": None, "pan_target": None}),
+        (Asked("pan_command", "input", "rad"), {"tilt_cmd": None}),
         (PLACE, {"cart_speed": None}),
         (Asked("theta_rad", "output", "rad"), {"theta_dot": None}),
         (Asked("joint_1_rad", "output", "rad"), {"joint_2": None}),
@@ -178,6 +184,19 @@ def test_parts_of_a_recording_that_both_have_a_column_are_told(tmp_path: Path) -
     text = guess_columns(folder, [VOLTAGE, PLACE])
     assert "it could be motor_v of cmd.csv or motor_v of state.csv" in " ".join(text.split("\n# "))
     assert 'column = "cart_mm"  # ? by its name' in text
+
+
+def test_all_angles_of_a_quaternion_may_be_asked_for(tmp_path: Path) -> None:
+    angles = 0.4 * np.sin(np.arange(3)[:, None] + np.linspace(0.0, 3.0, 100))  # yaw, pitch, roll
+    quaternions = Rotation.from_euler("ZYX", angles.T).as_quat()
+    rows = np.column_stack([np.arange(100) / 50.0, quaternions])
+    header = "t,pose_x,pose_y,pose_z,pose_w"
+    np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
+    asked = [Asked(f"pose_{angle}_rad", "output", "rad") for angle in ("yaw", "pitch", "roll")]
+    text = guess_columns(tmp_path / "log.csv", asked)
+    (read,) = read_recordings([tmp_path / "log.csv"], parse_columns(text)).recordings
+    for each, expected in zip(asked, angles, strict=True):
+        assert read.columns[each.name] == pytest.approx(expected, abs=1e-4)
 
 
 def test_the_heading_of_a_quaternion_may_be_asked_for(tmp_path: Path) -> None:

@@ -48,6 +48,7 @@ from wakedeploy.domains.tables.log_kinds import is_log, open_log, seen_form
 from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
+_ANGLES = ("yaw", "pitch", "roll")  # of a quaternion; the first is what nobody asked for
 _Named = tuple[str, Log]  # a file's name in its folder, "" for one that is alone, and the file
 
 _QUOTED = 60  # letters of a line
@@ -241,7 +242,8 @@ def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
             is_unknown = unit is None and field.unit is not None
             if not is_unknown:
                 units[file.name, field.name] = field.unit if field.unit in SHOWN_ALONE else unit
-        units |= {(file.name, _yaw_of(found)): "rad" for found in quaternions_in(file.values)}
+        for found in quaternions_in(file.values):
+            units |= {(file.name, _angle_of(found, angle)): "rad" for angle in _ANGLES}
     left_out = [name for file in files for name in file.left_out]
     return matched([each for each in asked if _is_key(each.name)], units, left_out)
 
@@ -324,8 +326,10 @@ def _entries(
     for field in _listed(file):
         yield from _entry(file, base, field, taken, found.get((file.name, field.name)))
     for quaternion in quaternions_in(file.values):
-        match = found.get((file.name, _yaw_of(quaternion)))
-        yield from _entry_of_yaw(file, base, quaternion, taken, match)
+        matches = {angle: found.get((file.name, _angle_of(quaternion, angle))) for angle in _ANGLES}
+        asked_for = [angle for angle in _ANGLES if matches[angle]] or _ANGLES[:1]
+        for angle in asked_for:
+            yield from _entry_of_angle(file, base, quaternion, angle, taken, matches[angle])
 
 
 def _listed(file: _File) -> list[Field]:
@@ -412,9 +416,9 @@ def _there(file: _File, field: Field) -> Vector:
     return numbers[np.isfinite(numbers)]
 
 
-def _yaw_of(found: Quaternion) -> str:
-    """What the heading of a quaternion is called."""
-    return f"{found.stem}_yaw_rad"
+def _angle_of(found: Quaternion, angle: str) -> str:
+    """What an angle of a quaternion is called."""
+    return f"{found.stem}_{angle}_rad"
 
 
 def _seen_by(match: Match | None) -> str:
@@ -422,15 +426,21 @@ def _seen_by(match: Match | None) -> str:
     return f"  # ? {match.seen}" if match and match.seen != SAME else ""
 
 
-def _entry_of_yaw(
-    file: _File, base: Timing, found: Quaternion, taken: set[str], match: Match | None
+def _entry_of_angle(
+    file: _File,
+    base: Timing,
+    found: Quaternion,
+    angle: str,
+    taken: set[str],
+    match: Match | None,
 ) -> Iterator[str]:
-    """The heading of a quaternion, as it may be wanted."""
+    """An angle of a quaternion, as it may be wanted."""
     yield ""
-    name = match.asked.name if match else _name(_yaw_of(found), taken)
+    name = match.asked.name if match else _name(_angle_of(found, angle), taken)
     yield f"[columns.{name}]{_seen_by(match)}"
     yield f"quaternion = [{', '.join(map(toml, found.addresses))}]{found.remark}"
-    yield 'angle = "yaw"  # or "pitch", "roll"'
+    others = ", ".join(f'"{other}"' for other in _ANGLES if other != angle)
+    yield f'angle = "{angle}"  # or {others}'
     yield from _place(file, base, found.addresses[0])
     yield f'role = "{match.asked.role if match else "unused"}"'
     numbers = as_floats(file.values[found.addresses[0]])

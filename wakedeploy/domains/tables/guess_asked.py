@@ -31,6 +31,8 @@ _OF_ROLE = {
     "input": {"command", "cmd", "input", "control", "ctrl"},
     "output": {"measured", "meas", "actual", "output", "sensor", "encoder"},
 }
+# What a controller asks for has many names; as inputs of a system they are one.
+_WANTED = {"command", "cmd", "ref", "reference", "setpoint", "target", "desired", "goal", "action"}
 _MEANT = {"command", "cmd", "ref", "reference", "setpoint", "sp", "target", "desired", "des",
           "goal", "wanted", "error", "err"}  # fmt: skip
 
@@ -113,13 +115,21 @@ def _rank(asked: Asked, column: str, unit: str | None) -> int | None:
     names = {column, column.rpartition("/")[2]}
     if asked.name in names:
         return 0
-    apart = [_apart(_words(asked.name, asked.unit), _words(name, unit)) for name in names]
+    own = _of_role(asked, _words(asked.name, asked.unit))
+    apart = [_apart(own, _of_role(asked, _words(name, unit))) for name in names]
     ranks = [
         1 + len(words)
         for words in apart
         if words is not None and all(_says_nothing(word, asked) for word in words)
     ]
     return min(ranks, default=None)
+
+
+def _of_role(asked: Asked, words: frozenset[str]) -> frozenset[str]:
+    """The words, in which a command is called one."""
+    if asked.role != "input" or not words & _WANTED:
+        return words
+    return words - _WANTED | {"command"}
 
 
 def _apart(words: frozenset[str], others: frozenset[str]) -> frozenset[str] | None:
