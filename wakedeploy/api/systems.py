@@ -27,6 +27,7 @@ from wakedeploy.gap.systems.answers.words import first_screen, next_step, remark
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
+from wakedeploy.gap.systems.duration import long_search
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
@@ -148,6 +149,7 @@ def take(
         if not folder.is_found:
             progress("looking at the columns")
             for note in (
+                *long_search(model),
                 *misread(model),
                 *cut_outputs(model),
                 *hung_outputs(model),

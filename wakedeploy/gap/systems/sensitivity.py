@@ -23,6 +23,7 @@ from wakedeploy.gap.search.first_look import Ground, look
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
+from wakedeploy.gap.systems.duration import long_search
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
@@ -105,6 +106,7 @@ def column_notes(model: LogModel) -> list[str]:
             f"long logs: a search looks at the first {searched} samples of each block; sizes, and "
             "what sealed blocks say, come from all."
         )
+    notes += long_search(model)
     notes += _ranges(model)
     notes += misread(model)
     notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]
