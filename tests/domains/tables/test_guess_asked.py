@@ -40,6 +40,7 @@ def found(asked: list[Asked], columns: dict[str, str | None]) -> dict[str, str]:
         (Asked("motor_command", "input", "rad"), "motor", None),
         (Asked("shoulder_pan_command", "input", "rad"), "shoulder_pan_cmd", None),
         (Asked("shoulder_pan_command", "input", "rad"), "action.shoulder_pan.pos", "deg"),
+        (Asked("shoulder_pan_rad", "output", "rad"), "observation.state.shoulder_pan.pos", "deg"),
         (Asked("elbow_ref_rad", "input", "rad"), "elbowTarget", None),
         (Asked("shoulder_rad", "output", "rad"), "/joint_states/shoulder.position", None),
         (Asked("oven_c", "output", "°C"), "Oven (°C)", "°C"),
@@ -63,7 +64,8 @@ def test_a_column_is_known_by_its_name_or_its_unit(asked: Asked, column: str, un
         (PLACE, {}),
         (PLACE, {"cart_ref": None}),
         (PLACE, {"cart_error_mm": "mm"}),
-        (Asked("pan_command", "input", "rad"), {"pan_cmd": None, "pan_target": None}),
+        (Asked("pan_command", "input", "rad"), {"pan_goal": None, "pan_target": None}),
+        (Asked("heater_w", "input", "W"), {"heater_setpoint": None}),
         (Asked("pan_command", "input", "rad"), {"tilt_cmd": None}),
         (PLACE, {"cart_speed": None}),
         (Asked("theta_rad", "output", "rad"), {"theta_dot": None}),
@@ -78,6 +80,15 @@ def test_a_column_is_known_by_its_name_or_its_unit(asked: Asked, column: str, un
 )
 def test_what_could_be_two_or_has_another_quantity_is_neither(asked: Asked, columns) -> None:
     assert found([asked], columns) == {}
+
+
+def test_the_word_itself_comes_before_another_for_the_same() -> None:
+    asked = [Asked(f"x_{word}_m", "input", "m") for word in ("ref", "command")]
+    assert found(asked, {"x_ref": None, "x_command": None}) == {
+        "x_ref_m": "x_ref", "x_command_m": "x_command"}  # fmt: skip
+    pan = Asked("pan_command", "input", "rad")
+    assert found([pan], {"pan_command_deg": "deg", "pan_target_deg": "deg"}) == {
+        "pan_command": "pan_command_deg"}  # fmt: skip
 
 
 def test_the_same_name_comes_first_and_a_unit_last() -> None:
@@ -186,13 +197,14 @@ def test_parts_of_a_recording_that_both_have_a_column_are_told(tmp_path: Path) -
     assert 'column = "cart_mm"  # ? by its name' in text
 
 
-def test_all_angles_of_a_quaternion_may_be_asked_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stem", ["drone_q", "drone.pose.orientation.", "q", "mocap_rot_"])
+def test_all_angles_of_a_quaternion_may_be_asked_for(tmp_path: Path, stem: str) -> None:
     angles = 0.4 * np.sin(np.arange(3)[:, None] + np.linspace(0.0, 3.0, 100))  # yaw, pitch, roll
     quaternions = Rotation.from_euler("ZYX", angles.T).as_quat()
     rows = np.column_stack([np.arange(100) / 50.0, quaternions])
-    header = "t,pose_x,pose_y,pose_z,pose_w"
+    header = "t," + ",".join(f"{stem}{letter}" for letter in "xyzw")
     np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
-    asked = [Asked(f"pose_{angle}_rad", "output", "rad") for angle in ("yaw", "pitch", "roll")]
+    asked = [Asked(f"drone_{angle}_rad", "output", "rad") for angle in ("yaw", "pitch", "roll")]
     text = guess_columns(tmp_path / "log.csv", asked)
     (read,) = read_recordings([tmp_path / "log.csv"], parse_columns(text)).recordings
     for each, expected in zip(asked, angles, strict=True):

@@ -184,12 +184,111 @@ def test_what_acts_on_a_free_body_has_no_attribute_and_that_is_said(tmp_path: Pa
     size = Size(value=0.2, low=0.1, high=0.3, unit="N/(m/s)")
     drag = {"viscous-friction@copter_x_mps": Sizes({"coefficient": size})}
     said = system.export(answer_with("named", drag, Sizes({})), tmp_path)
-    assert "'copter' moves freely, without a joint to carry it" in " ".join(said)
+    assert "as a free joint has one number for all six axes" in " ".join(said)
     assert not (tmp_path / CORRECTED).exists()
 
 
 def test_a_free_body_without_a_name_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "copter.xml"
     path.write_text(COPTER.format(sensor="").replace('<body name="copter" pos', "<body pos"))
-    with pytest.raises(UnusableInput, match="a body has no name"):
+    with pytest.raises(UnusableInput, match=r"a body has no name \(number 1 of the model\)"):
         read_elements(path)
+
+
+ALIGNED = """
+<mujoco>
+  <compiler alignfree="true"/>
+  <worldbody>
+    <body name="hull" pos="0 0 1">
+      <freejoint/>
+      <geom type="box" size=".1 .05 .02" pos=".1 0 0" euler="0 0 40"/>
+      <site name="prop"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="prop" site="prop" gear="0 0 1 0 0 0"/></actuator>
+</mujoco>
+"""
+
+
+def test_a_body_has_the_frame_of_its_file_also_after_a_correction(tmp_path: Path) -> None:
+    path = tmp_path / "hull.xml"
+    path.write_text(ALIGNED)
+    (tmp_path / "my_hull.py").write_text(mjcf_template(path, tmp_path / "my_hull.py"))
+    system = read_system(tmp_path / "my_hull.py")
+    assert isinstance(system, MjcfSystem)
+    size = Size(value=0.1, low=0.09, high=0.11, unit="1")
+    found = {"gain@prop_command": Sizes({"error": size})}
+    system.export(answer_with("named", found, Sizes({})), tmp_path)
+    pushed = []
+    for text, command in ((ALIGNED.replace('"true"', '"false"'), 1.1),
+                          ((tmp_path / CORRECTED).read_text(), 1.0)):  # fmt: skip
+        model = mujoco.MjModel.from_xml_string(text)
+        data = mujoco.MjData(model)
+        data.ctrl[:] = command
+        mujoco.mj_forward(model, data)
+        pushed.append(data.qacc.copy())
+    np.testing.assert_allclose(*pushed, rtol=1e-4, atol=1e-4)  # a file has six digits
+    states = Point("state", dict.fromkeys(system.states, 0.0) | {"hull_z_m": 1.0})
+    rates = system.derivative(states, Point("input", {"prop_command": 1.1}), system.values())
+    np.testing.assert_allclose([rates[n] for n in [*system.states][6:]], pushed[0], atol=1e-6)
+
+
+BOAT = """
+<mujoco>
+  <worldbody>
+    <body name="hull">
+      <joint name="hull" type="free" damping="0.5"/>
+      <site name="imu"/>
+      <geom type="box" size=".5 .2 .1"/>
+      <body name="rudder" pos="-.5 0 0">
+        <joint name="rudder" axis="0 0 1"/>
+        <geom type="box" size=".1 .01 .1"/>
+        <body name="plate"><site name="second"/><geom type="sphere" size=".01"/></body>
+      </body>
+      <body name="box"><site name="third"/><geom type="sphere" size=".01"/></body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="surge" joint="hull" gear="1 0 0 0 0 .2"/>
+    <motor name="yaw" joint="hull" gear="0 0 0 0 0 1"/>
+    <position name="hold" site="imu" refsite="third" gear="1 0 0 0 0 0"/>
+    <motor name="steer" joint="rudder"/>
+  </actuator>
+  <sensor><gyro site="{site}" noise="0.02"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("site", "is_shown"), [("imu", True), ("third", True), ("second", False)],
+    ids=["on the body", "on what is fast to it", "beyond a hinge"],
+)  # fmt: skip
+def test_a_boat_is_read_as_its_file_has_it(tmp_path: Path, site: str, is_shown: bool) -> None:
+    path, target = tmp_path / "boat.xml", tmp_path / "boat.py"
+    path.write_text(BOAT.format(site=site))
+    target.write_text(mjcf_template(path, target))
+    system = read_system(target)
+    units = {i.name: i.unit for i in system.inputs}
+    assert units["surge_command"] == "N"
+    assert units["yaw_command"] == units["steer_command"] == "N m"
+    assert units["hold_command"] == "1"
+    constants = {c.name: c.value for c in system.constants}
+    assert constants["surge_gain"] == constants["yaw_gain"] == constants["steer_gear"] == 1.0
+    assert not {"surge_gear", "yaw_gear", "hull_x_damping"} & {*constants}
+    outputs = {o.name for o in system.outputs}
+    assert "rudder_rad" in outputs  # no sensor of a joint says otherwise
+    assert ("hull_r_radps" in outputs) == is_shown
+
+
+def test_of_a_flight_upright_or_far_away_it_is_said(tmp_path: Path) -> None:
+    system = system_of(tmp_path)
+    level = {o.name: np.linspace(0.0, 0.5, 50) for o in system.outputs}
+    assert not [n for n in system.log_notes(level) if "copter_" in n and "touch" not in n]
+    steep = level | {"copter_pitch_rad": np.linspace(0.0, 1.5, 50)}
+    assert any("copter_pitch_rad reaches 86°" in note for note in system.log_notes(steep))
+    far = level | {"copter_y_m": 5.9e6 + np.linspace(0.0, 3.0, 50)}
+    assert any("5900 km from the origin" in note for note in system.log_notes(far))
+    states = dict.fromkeys(system.states, 0.0) | {"copter_y_m": 5.9e6, "copter_z_m": 2.0}
+    none = Point("input", dict.fromkeys((i.name for i in system.inputs), 0.0))
+    rates = system.derivative(Point("state", states), none, system.values())
+    assert rates["copter_z_mps"] == pytest.approx(-9.81, abs=0.01)

@@ -8,7 +8,7 @@ reading refuses it by name.
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from wakedeploy.domains.tables.columns import Delimited
 from wakedeploy.domains.tables.formats.delimited import DelimitedLog
 from wakedeploy.domains.tables.guess_asked import (
     NOTHING_ASKED,
+    ONLY_ORIENTATION,
     SAME,
     Asked,
     Match,
@@ -52,6 +53,9 @@ _ANGLES = ("yaw", "pitch", "roll")  # of a quaternion; the first is what nobody 
 _Named = tuple[str, Log]  # a file's name in its folder, "" for one that is alone, and the file
 
 _QUOTED = 60  # letters of a line
+_OF_ORIENTATION = re.compile(
+    r"(?:[\W_](?:pose|orientation|quaternion|quat|q|rotation|rot|attitude|att))+$", re.I
+)
 _SHORT_RUN = 2.0  # rows with a number; longer runs are of one clock, with samples that are lost
 _TO_DO = (
     "# mark are guesses. Give the columns that you need a role: input, output, observation or",
@@ -243,9 +247,27 @@ def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
             if not is_unknown:
                 units[file.name, field.name] = field.unit if field.unit in SHOWN_ALONE else unit
         for found in quaternions_in(file.values):
-            units |= {(file.name, _angle_of(found, angle)): "rad" for angle in _ANGLES}
+            units |= {(file.name, _asked_as(found, angle)): "rad" for angle in _ANGLES}
     left_out = [name for file in files for name in file.left_out]
-    return matched([each for each in asked if _is_key(each.name)], units, left_out)
+    wanted = [each for each in asked if _is_key(each.name)]
+    return _with_only_orientation(matched(wanted, units, left_out), wanted, files)
+
+
+def _with_only_orientation(
+    matches: Matches, asked: Sequence[Asked], files: Sequence[_File]
+) -> Matches:
+    """The matches, and angles that are asked for once each, of the only quaternion there is."""
+    orientations = [(file.name, q) for file in files for q in quaternions_in(file.values)]
+    if len(orientations) != 1:
+        return matches
+    ((name, quaternion),) = orientations
+    gone, found = {match.asked for match in matches.found.values()}, dict(matches.found)
+    for angle in _ANGLES:
+        place = name, _asked_as(quaternion, angle)
+        likely = [a for a in asked if a.role == "output" and angle in re.split(r"[\W_]+", a.name)]
+        if len(likely) == 1 and likely[0] not in gone and same_unit(likely[0].unit, "rad"):
+            found.setdefault(place, Match(likely[0], ONLY_ORIENTATION))
+    return replace(matches, found=found)
 
 
 def _not_found(asked: Sequence[Asked], matches: Matches) -> Iterator[str]:
@@ -326,7 +348,7 @@ def _entries(
     for field in _listed(file):
         yield from _entry(file, base, field, taken, found.get((file.name, field.name)))
     for quaternion in quaternions_in(file.values):
-        matches = {angle: found.get((file.name, _angle_of(quaternion, angle))) for angle in _ANGLES}
+        matches = {angle: found.get((file.name, _asked_as(quaternion, angle))) for angle in _ANGLES}
         asked_for = [angle for angle in _ANGLES if matches[angle]] or _ANGLES[:1]
         for angle in asked_for:
             yield from _entry_of_angle(file, base, quaternion, angle, taken, matches[angle])
@@ -419,6 +441,11 @@ def _there(file: _File, field: Field) -> Vector:
 def _angle_of(found: Quaternion, angle: str) -> str:
     """What an angle of a quaternion is called."""
     return f"{found.stem}_{angle}_rad"
+
+
+def _asked_as(found: Quaternion, angle: str) -> str:
+    """The same without words that say of any quaternion that it is one."""
+    return _OF_ORIENTATION.sub("", f"/{found.stem}").strip("._/[ ") + f"_{angle}_rad"
 
 
 def _seen_by(match: Match | None) -> str:

@@ -14,6 +14,7 @@ from wakedeploy.core.units import SHOWN_ALONE, is_angular, same_dimension, unit_
 Place = tuple[str, str]  # a file in a folder, "" for one that is alone, and a column's name there
 
 SAME, BY_NAME, BY_UNIT = "", "by its name", "the only one in such a unit"
+ONLY_ORIENTATION = "of the only orientation"
 
 _CUT_SHORT = 3  # letters from which on a word may stand for a longer one, as pos for position
 _UNIT = re.compile(r"\s*[(\[][^()\[\]]*[^()\[\]\d][^()\[\]]*[)\]]\s*$")  # (deg), and not [0]
@@ -29,9 +30,9 @@ _QUANTITIES: Mapping[str, tuple[str, ...]] = {  # words that only say what a uni
 }  # fmt: skip
 _OF_ROLE = {
     "input": {"command", "cmd", "input", "control", "ctrl"},
-    "output": {"measured", "meas", "actual", "output", "sensor", "encoder"},
+    "output": {"measured", "meas", "actual", "output", "sensor", "encoder", "observation", "state"},
 }
-# What a controller asks for has many names; as inputs of a system they are one.
+# What a controller asks for has many names. Between two names that both have one they are the same.
 _WANTED = {"command", "cmd", "ref", "reference", "setpoint", "target", "desired", "goal", "action"}
 _MEANT = {"command", "cmd", "ref", "reference", "setpoint", "sp", "target", "desired", "des",
           "goal", "wanted", "error", "err"}  # fmt: skip
@@ -48,7 +49,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Match:
-    """What a column is of, and how that was seen: `SAME`, `BY_NAME` or `BY_UNIT`."""
+    """What a column is of, and how that was seen: `SAME`, or a few words."""
 
     asked: Asked
     seen: str
@@ -108,6 +109,8 @@ def may_be(asked: Asked, column: str) -> bool:
 def _rank(asked: Asked, column: str, unit: str | None) -> int | None:
     """0 for the same name, then 1 and one for each word that only one of two names has.
 
+    It is one more where both ask for something in other words, as `pan_cmd` and `pan_target`.
+
     None where such a word says something else, or where the units are of different quantities.
     """
     if unit is not None and not _fits(unit, asked.unit):
@@ -115,21 +118,15 @@ def _rank(asked: Asked, column: str, unit: str | None) -> int | None:
     names = {column, column.rpartition("/")[2]}
     if asked.name in names:
         return 0
-    own = _of_role(asked, _words(asked.name, asked.unit))
-    apart = [_apart(own, _of_role(asked, _words(name, unit))) for name in names]
-    ranks = [
-        1 + len(words)
-        for words in apart
-        if words is not None and all(_says_nothing(word, asked) for word in words)
-    ]
+    own, ranks = _words(asked.name, asked.unit), list[int]()
+    for words in (_words(name, unit) for name in names):
+        both = asked.role == "input" and own & _WANTED and words & _WANTED
+        pairs = [(own, words), *([(own - _WANTED, words - _WANTED)] if both else [])]
+        for place, (ours, theirs) in enumerate(pairs):
+            apart = _apart(ours, theirs)
+            if apart is not None and all(_says_nothing(word, asked) for word in apart):
+                ranks.append(1 + place + len(apart))
     return min(ranks, default=None)
-
-
-def _of_role(asked: Asked, words: frozenset[str]) -> frozenset[str]:
-    """The words, in which a command is called one."""
-    if asked.role != "input" or not words & _WANTED:
-        return words
-    return words - _WANTED | {"command"}
 
 
 def _apart(words: frozenset[str], others: frozenset[str]) -> frozenset[str] | None:

@@ -1,6 +1,6 @@
 """Four columns of a log that are a quaternion, by their names and their lengths.
 
-In: the columns of a log with their numbers. Out: entries for the yaw that they give.
+In: the columns of a log with their numbers. Out: what each is called and where its parts are.
 """
 
 import re

@@ -198,31 +198,41 @@ def test_what_is_a_curve_is_asked_where_the_log_has_been(rate, is_curve):
 
 
 class Servo(System):
-    """Holds a depth that is asked for, with no more force than it has."""
+    """Holds a depth that is asked for, with no more force than it has, beside one that rests."""
 
     rate_hz = 20.0
-    inputs: ClassVar = [Input("wanted_m", "m")]
-    states: ClassVar = {"depth_m": "m", "speed_mps": "m/s"}
+    inputs: ClassVar = [Input("wanted_m", "m"), Input("tilt_rad", "rad")]
+    states: ClassVar = {"depth_m": "m", "speed_mps": "m/s", "turn_radps": "rad/s"}
     outputs: ClassVar = [Output("depth_m", "m", noise=1e-3)]
-    constants: ClassVar = [Constant("most_n", 3.0)]
+    constants: ClassVar = [Constant("most_n", 3.0), Constant("play_m", 0.0)]
     ports: ClassVar = [Port.input("wanted_m")]
 
     def derivative(self, state, inputs, c):
-        pull = np.clip(20.0 * (inputs.wanted_m - state.depth_m), -c.most_n, c.most_n)
-        return {"depth_m": state.speed_mps, "speed_mps": pull - 6.0 * state.speed_mps}
+        wanted = np.sign(inputs.wanted_m) * np.maximum(np.abs(inputs.wanted_m) - c.play_m, 0.0)
+        pull = np.clip(20.0 * (wanted - state.depth_m), -c.most_n, c.most_n)
+        return {
+            "depth_m": state.speed_mps,
+            "speed_mps": pull - 6.0 * state.speed_mps,
+            "turn_radps": inputs.tilt_rad + 1e-18 * inputs.wanted_m,  # rounding moves it
+        }
 
 
-@pytest.mark.parametrize(("most_n", "is_curve"), [(3.0, False), (0.3, True)])
-def test_a_servo_s_limit_is_a_curve_only_where_it_was_reached(most_n, is_curve):
+@pytest.mark.parametrize(
+    ("most_n", "play_m", "is_curve"), [(3.0, 0.0, False), (0.3, 0.0, True), (3.0, 0.1, True)]
+)
+def test_a_servo_s_limit_is_a_curve_where_it_was_reached_and_its_dead_band(
+    most_n, play_m, is_curve
+):
     class Limited(Servo):
-        constants: ClassVar = [Constant("most_n", most_n)]
+        constants: ClassVar = [Constant("most_n", most_n), Constant("play_m", play_m)]
 
     time_s = np.arange(600) / 20.0
-    wanted = 0.6 * np.sin(0.25 * time_s)  # half a force of 3 N: as asked from where it is, 12 N
-    columns = {"wanted_m": wanted, "depth_m": np.zeros(600)}
+    wanted = 0.6 * np.sin(0.25 * time_s)  # as asked from where it is; from its farthest, 24 N
+    columns = {"wanted_m": wanted, "tilt_rad": 0.0 * wanted, "depth_m": 0.0 * wanted}
     depth = Limited().simulate(Recording("dive", time_s, columns))["depth_m"]
     model = LogModel(checked(Limited()), [Recording("dive", time_s, columns | {"depth_m": depth})])
     assert (model.curves == {"wanted_m": ("speed_mps",)}) == is_curve
+    assert is_curve or model.curves == {}
 
 
 class Steered(System):

@@ -20,6 +20,7 @@ _PLACES, _ALONG = 40, 9  # samples of the logs that are looked at, and values of
 _BENT = 0.05  # of the way that a rate goes: a curve is this far from a straight line
 _MOVES = 1e-9  # of a rate: a smaller change is rounding
 _NUDGE, _FOLLOWS = 1e-3, 0.2  # of an input's range; of what the input does by itself
+_NEXT_TO_NOTHING, _SOME = 0.05, 2  # of what an input usually does; places
 
 
 def curves(model: "LogModel") -> dict[str, tuple[str, ...]]:
@@ -27,7 +28,7 @@ def curves(model: "LogModel") -> dict[str, tuple[str, ...]]:
 
     A limit, a dead zone and a table are curves, too. An input that asks for a state, as the command
     of a servo, is tried as far from that state as it was: a limit of what the servo does is no
-    curve where it was never reached.
+    curve where it was never reached. Where it does nothing here and there, that is one.
     """
     system = model.system
     inputs = np.concatenate([log.inputs for log in model.logs], axis=1)
@@ -46,6 +47,8 @@ def curves(model: "LogModel") -> dict[str, tuple[str, ...]]:
         except UnusableInput:  # a user's function need not work everywhere
             continue
         bent = [n for n, rate in rates.items() if _is_bent(np.broadcast_to(rate, tried[i].shape))]
+        if asked is not None:
+            bent += [n for n in _idle(system, i, inputs[:, at], states[:, at]) if n not in bent]
         if bent:
             found[stated.name] = tuple(bent)
     return found
@@ -60,26 +63,45 @@ def _rates(system: StateSpace, inputs: FloatArray, states: FloatArray) -> dict[s
     return {n: np.broadcast_to(rate, states.shape[1:]) for n, rate in rates.items()}
 
 
+def _nudged(
+    system: StateSpace, i: int, inputs: FloatArray, states: FloatArray, along: int | None = None
+) -> dict[str, FloatArray]:
+    """How rates change with a little more of an input, and as much of the state `along`."""
+    little = _NUDGE * (float(np.ptp(inputs[i])) or 1.0)
+    more, there = inputs.copy(), states.copy()
+    more[i] += little
+    if along is not None:
+        there[along] += little
+    before, after = _rates(system, inputs, states), _rates(system, more, there)
+    return {n: np.abs(after[n] - before[n]) for n in before}
+
+
+def _driven(system: StateSpace, pushed: dict[str, FloatArray]) -> list[str]:
+    """The states whose rates an input moves by more than rounding does."""
+    most = max(float(np.median(change)) for change in pushed.values())
+    return [n for n, change in pushed.items() if np.median(change) > max(_MOVES * most, 0.0)]
+
+
 def _asked_for(system: StateSpace, i: int, inputs: FloatArray, states: FloatArray) -> int | None:
-    """The place of the state that an input asks for: moved with it, hardly any rate changes."""
-    small = _NUDGE * float(np.ptp(inputs[i])) or _NUDGE
-    moved = inputs.copy()
-    moved[i] += small
-    before, pushed = _rates(system, inputs, states), _rates(system, moved, states)
+    """The place of the state that an input asks for: if both move alike, hardly any rate does."""
+    pushed = _nudged(system, i, inputs, states)
+    driven = _driven(system, pushed)
     for j, unit in enumerate(system.states.values()):
-        if not same_unit(unit, system.inputs[i].unit):
-            continue
-        along = states.copy()
-        along[j] += small
-        both = _rates(system, moved, along)
-        driven = [n for n in before if np.any(pushed[n] != before[n])]
-        if driven and all(
-            np.median(np.abs(both[n] - before[n]))
-            < _FOLLOWS * np.median(np.abs(pushed[n] - before[n]))
-            for n in driven
-        ):
-            return j
+        if driven and same_unit(unit, system.inputs[i].unit):
+            both = _nudged(system, i, inputs, states, along=j)
+            if all(np.median(both[n]) < _FOLLOWS * np.median(pushed[n]) for n in driven):
+                return j
     return None
+
+
+def _idle(system: StateSpace, i: int, inputs: FloatArray, states: FloatArray) -> list[str]:
+    """Driven states that an input leaves alone in some places."""
+    pushed = _nudged(system, i, inputs, states)
+    return [
+        n
+        for n in _driven(system, pushed)
+        if np.sum(pushed[n] < _NEXT_TO_NOTHING * np.median(pushed[n])) >= _SOME
+    ]
 
 
 def _is_bent(rates: FloatArray) -> bool:

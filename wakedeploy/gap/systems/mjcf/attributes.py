@@ -68,7 +68,7 @@ def _of_actuator(
                 f"{actuator.word}_{attribute}",
                 Attribute("actuator", actuator.name, attribute, value, 0.2, unit, setter),
             )
-    if actuator.kind in ("motor", "general") and actuator.site_unit:
+    if actuator.wrench_unit:
         # Its gear has six numbers, and only their common factor is a gain.
         setter = functools.partial(_set, "actuator_gainprm", (i, 0))
         yield (

@@ -43,7 +43,7 @@ def _added(written: Fitted, effect: Found) -> str:
     for joint in written.elements.joints:
         if joint.speed == effect.port and effect.kind in _OF_JOINT:
             if joint.body:
-                return _without(effect, f"{joint.body!r} moves freely, without a joint to carry it")
+                return _without(effect, "a free joint has one number for all six axes")
             return _OF_JOINT[effect.kind](written, joint, effect)
     for actuator in written.elements.actuators:
         if actuator.command == effect.port and effect.kind in _OF_ACTUATOR:
@@ -200,7 +200,9 @@ def _bias_of(written: Fitted, actuator: Actuator) -> Range:
 
 
 def _force_unit(elements: Elements, actuator: Actuator) -> str:
-    turns = next((j.turns for j in elements.joints if j.name == actuator.joint), None)
+    turns = next(
+        (j.turns for j in elements.joints if j.name == actuator.joint and not j.body), None
+    )
     return {True: "N m", False: "N", None: "1"}[turns]
 
 

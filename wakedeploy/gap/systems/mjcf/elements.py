@@ -57,9 +57,9 @@ class Actuator:
     `follows` is what its command asks for, "" where that has no unit of its own; it `integrates` or
     `filters` its command into its state. With `has_fixed_gain` its force is in proportion to them.
     `has_bias` says that an affine bias is beside that, `is_affine` that there is none of another
-    kind. `site_unit` is the unit of what a command of 1 pushes a site with, as that of a rotor; "1"
-    where its gear mixes several, "" where it acts on no site. By `delay_s` its command acts later;
-    `Elements.model` has none of that.
+    kind. `wrench_unit` is that of a motor that pushes or turns a body by six gears, as a rotor at a
+    site does; "1" where these mix several, "" for all other actuators. By `delay_s` its command
+    acts later; `Elements.model` has none of that.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Actuator:
     has_fixed_gain: bool
     has_bias: bool
     is_affine: bool
-    site_unit: str
+    wrench_unit: str
     delay_s: float
 
     @property

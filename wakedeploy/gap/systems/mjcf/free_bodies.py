@@ -7,13 +7,17 @@ that; they turn about x, y and z, yaw last (Diebel, Representing Attitude, Stanf
 pitch nears 90°, the rates of roll and yaw have no end.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wakedeploy.gap.systems.system import FloatArray
 
+if TYPE_CHECKING:
+    from wakedeploy.gap.systems.mjcf.elements import Joint
+
+_STEEP_DEG, _FAR_M = 80.0, 1e4
 SLIDES, ANGLES, TURNS = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
 
 
@@ -47,3 +51,26 @@ def turning(angles: Sequence[Any], rates: Sequence[Any]) -> tuple[Any, Any, Any]
         of_pitch * np.cos(roll) + along * np.sin(roll),
         along * np.cos(roll) - of_pitch * np.sin(roll),
     )
+
+
+def place_notes(axes: Sequence["Joint"], outputs: Mapping[str, FloatArray]) -> list[str]:
+    """What to know of where logs (N,) of a body have been: upright, or far from the origin."""
+    notes = []
+    for axis in axes:
+        values = outputs.get(axis.position)
+        if values is None or not np.isfinite(values).any():
+            continue
+        most = float(np.nanmax(np.abs(values)))
+        if axis.word.endswith("_pitch") and np.degrees(most) > _STEEP_DEG:
+            notes.append(
+                f"{axis.position} reaches {np.degrees(most):.0f}°. Where a body points straight up "
+                "or down, roll and yaw are one, and small errors of the angles are large ones of "
+                "how it turns: leave such parts out."
+            )
+        elif not axis.turns and most > _FAR_M:
+            notes.append(
+                f"{axis.position} is up to {most / 1e3:.0f} km from the origin, which hides how "
+                f"far it moves: take that off by offset in [columns.{axis.position}] of "
+                "columns.toml."
+            )
+    return notes

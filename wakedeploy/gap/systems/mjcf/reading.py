@@ -89,6 +89,12 @@ def read_spec(path: Path) -> tuple[Any, Any]:
     try:
         with silent(library):
             spec = library.MjSpec.from_file(str(path))
+            # Aligned with its inertia, a body has another frame than the file's. A file that is
+            # written from this has the compiler's word alone.
+            spec.compiler.alignfree = False
+            for joint in spec.joints:
+                if joint.type == library.mjtJoint.mjJNT_FREE:
+                    joint.align = library.mjtAlignFree.mjALIGNFREE_FALSE
             return spec, spec.compile()
     except ValueError as error:
         reason = re.sub(r"^Error:\s*", "", one_line(error)).rstrip(". ")
@@ -153,7 +159,7 @@ def _axes(path: Path, model: Any, i: int, inertias: Sequence[float]) -> list[Joi
     at, dof = int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
     number = int(model.jnt_bodyid[i])
     body = model.body(number).name
-    stem = word(path, body, "body", number)
+    stem = word(path, body, "body", number - 1)  # the world is the first of MuJoCo's bodies
     slides = [
         Joint(body, f"{stem}_{axis}", False, at + k, dof + k, inertias[k], body)
         for k, axis in enumerate(SLIDES)
@@ -186,12 +192,12 @@ def _inertias(library: Any, path: Path, model: Any) -> list[float]:
 def _actuators(
     library: Any, path: Path, model: Any, delays_s: Sequence[float]
 ) -> tuple[Actuator, ...]:
-    joint = [int(library.mjtTrn.mjTRN_JOINT), int(library.mjtTrn.mjTRN_JOINTINPARENT)]
     found = []
     for i in range(model.nactuator):
         name = model.actuator(i).name
         at = model.joint(int(model.actuator_trnid[i, 0])).name if (
-            int(model.actuator_trntype[i]) in joint) else ""  # fmt: skip
+            int(model.actuator_trntype[i]) in _of_joints(library)
+            and not _is_of_free_joint(library, model, i)) else ""  # fmt: skip
         act = int(model.actuator_actadr[i]) if model.actuator_actnum[i] else -1
         kind = _kind(library, model, i)
         dynamics = int(model.actuator_dyntype[i])
@@ -205,7 +211,7 @@ def _actuators(
             has_fixed_gain=gain == int(library.mjtGain.mjGAIN_FIXED),
             has_bias=bias == affine,
             is_affine=bias in (none, affine),
-            site_unit=_site_unit(library, model, i),
+            wrench_unit=_wrench_unit(library, model, i, kind),
             delay_s=delays_s[i],
         ))  # fmt: skip
     _require_distinct(path, [actuator.word for actuator in found])
@@ -255,17 +261,29 @@ def _followed(library: Any, model: Any, i: int, kind: str) -> str:
     return "force" if is_direct else ""
 
 
-def _site_unit(library: Any, model: Any, i: int) -> str:
-    """A rotor's thrust turns its body a little, too: what counts is whether it pushes one way."""
-    if int(model.actuator_trntype[i]) != int(library.mjtTrn.mjTRN_SITE):
+def _wrench_unit(library: Any, model: Any, i: int, kind: str) -> str:
+    """The unit of what a motor at a site or of a free joint pushes with; "" for all others.
+
+    A rotor's thrust turns its body a little, too: what counts is whether it pushes one way.
+    """
+    is_at_site = int(model.actuator_trntype[i]) == int(library.mjtTrn.mjTRN_SITE)
+    if kind != "motor" or not (is_at_site or _is_of_free_joint(library, model, i)):
         return ""
     pushes, turns = np.split(np.abs(model.actuator_gear[i]), 2)
     along = pushes if pushes.any() else turns
-    is_plain = (
-        np.count_nonzero(along) == 1
-        and along.max() * abs(float(model.actuator_gainprm[i, 0])) == 1.0
-    )
+    size = along.max() * abs(float(model.actuator_gainprm[i, 0]))
+    is_plain = np.count_nonzero(along) == 1 and math.isclose(size, 1.0)
     return ("N" if pushes.any() else "N m") if is_plain else "1"
+
+
+def _is_of_free_joint(library: Any, model: Any, i: int) -> bool:
+    if int(model.actuator_trntype[i]) not in _of_joints(library):
+        return False
+    return int(model.jnt_type[int(model.actuator_trnid[i, 0])]) == int(library.mjtJoint.mjJNT_FREE)
+
+
+def _of_joints(library: Any) -> tuple[int, int]:
+    return int(library.mjtTrn.mjTRN_JOINT), int(library.mjtTrn.mjTRN_JOINTINPARENT)
 
 
 def _filters(library: Any) -> tuple[int, int]:
@@ -284,13 +302,15 @@ def _sensed(library: Any, model: Any, joints: tuple[Joint, ...]) -> dict[str, fl
     Of a body that moves freely that is its turning, by a gyro along its own axes.
     """
     sensors, shown = library.mjtSensor, {}
+    data = library.MjData(model)
+    library.mj_kinematics(model, data)
     for i in range(model.nsensor):
         kind, at, noise = (int(model.sensor_type[i]), int(model.sensor_objid[i]),
                            float(model.sensor_noise[i]))  # fmt: skip
         for joint in joints:
             if joint.body:
-                is_its = kind == int(sensors.mjSENS_GYRO) and _is_along(model, at, joint.body)
-                if is_its and joint.turns:
+                is_gyro = kind == int(sensors.mjSENS_GYRO)
+                if is_gyro and joint.turns and _is_along(model, data, at, joint.body):
                     shown[joint.speed] = noise
             elif at == model.joint(joint.name).id:
                 if kind == int(sensors.mjSENS_JOINTPOS):
@@ -300,10 +320,11 @@ def _sensed(library: Any, model: Any, joints: tuple[Joint, ...]) -> dict[str, fl
     return shown
 
 
-def _is_along(model: Any, site: int, body: str) -> bool:
-    """Whether a site has the axes of a body."""
-    is_on = int(model.site_bodyid[site]) == model.body(body).id
-    return is_on and math.isclose(abs(float(model.site_quat[site, 0])), 1.0)
+def _is_along(model: Any, data: Any, site: int, body: str) -> bool:
+    """Whether a site is fast on a body and has its axes."""
+    of = model.body(body).id
+    is_on = int(model.body_weldid[int(model.site_bodyid[site])]) == int(model.body_weldid[of])
+    return is_on and np.allclose(data.site_xmat[site], data.xmat[of], atol=1e-6)
 
 
 def _coupled(library: Any, model: Any) -> tuple[tuple[str, ...], ...]:

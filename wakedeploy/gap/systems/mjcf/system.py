@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from wakedeploy.gap.search.artefacts import Answer
 
 _STEP_S = 2.0**-14  # a power of two: dividing by it loses nothing
-_FARTHEST, _STRONGEST = 1e4, 1e6  # states, forces: MuJoCo would warn of a point beyond
+# States, where a body is in the world, and forces: MuJoCo would warn of a point beyond.
+_FARTHEST, _FARTHEST_M, _STRONGEST = 1e4, 1e9, 1e6
 _MOST_MODELS = 2048  # models with constants of their own that are kept
 _WORTH_THREADS = 64  # points from which threads are quicker
 
@@ -50,6 +51,10 @@ class MjcfSystem(System):
     def __init__(self) -> None:
         self._elements = read_elements(Path(self.mjcf))
         self._names = _checked_names(self, self._elements)
+        self._farthest = np.full(len(self.states), _FARTHEST)
+        for place, joint in enumerate(self._elements.joints):
+            if joint.body and not joint.turns:
+                self._farthest[place] = _FARTHEST_M
         self._models: dict[bytes, Any] = {}
         self._latest: tuple[bytes, list[Any]] = b"", []
         self._library = mujoco(Path(self.mjcf))
@@ -103,7 +108,8 @@ class MjcfSystem(System):
         for angles in self._elements.free_angles:
             at = [shown[a.position] for a in angles if a.position in shown]
             if len(at) == len(angles) and np.size(at[0]) > 1:
-                rates = [np.gradient(values, 1.0 / self.rate_hz) for values in at]
+                edges: Literal[1, 2] = 2 if len(at[0]) > 2 else 1
+                rates = [np.gradient(v, 1.0 / self.rate_hz, edge_order=edges) for v in at]
                 found |= zip((a.speed for a in angles), turning(at, rates), strict=True)
         return {name: row for name, row in found.items() if name not in shown}
 
@@ -117,10 +123,17 @@ class MjcfSystem(System):
         return write_corrected(self._elements, {c.name: c for c in self.constants}, answer, out)
 
     def log_notes(self, outputs: Mapping[str, FloatArray]) -> list[str]:
-        """Which bodies touch each other where logs have been."""
+        """Which bodies touch each other where logs have been, and where angles are none."""
         from wakedeploy.gap.systems.mjcf.contacts import contact_notes
+        from wakedeploy.gap.systems.mjcf.free_bodies import place_notes
 
-        return contact_notes(self._elements, outputs)
+        notes = [
+            note
+            for angles in self._elements.free_angles
+            for note in place_notes([j for j in self._elements.joints if j.body == angles[0].body],
+                                    outputs)
+        ]  # fmt: skip
+        return [*notes, *contact_notes(self._elements, outputs)]
 
     def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
         """Rates of speeds and activations (N, v), after those of positions in states (N, n).
@@ -130,7 +143,7 @@ class MjcfSystem(System):
         model, joints = self._elements.model, len(self._elements.joints)
         if not len(x):
             return np.empty((0, x.shape[1] - joints))
-        lost = ~((np.abs(x).max(1) < _FARTHEST) & (np.abs(u).max(1) < _STRONGEST))
+        lost = ~((np.abs(x) < self._farthest).all(1) & (np.abs(u).max(1) < _STRONGEST))
         x, u = np.where(lost[:, None], 0.0, x), np.where(lost[:, None], 0.0, u)
         places = self._elements.positions(x[:, :joints])
         full = np.concatenate([np.zeros((len(x), 1)), places, x[:, joints:]], axis=1)

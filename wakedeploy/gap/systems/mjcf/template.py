@@ -55,7 +55,8 @@ STATES
 OUTPUTS
     ]
     # The model's numbers, and how well they are known; spread=0 is exact. Taken as exact, too:
-    # lengths, inertias beside masses, gravity, limits, springref, equalities, and what is 0.
+    # lengths, inertias beside masses, gravity, limits, springref, equalities, what a free joint
+    # states, and what is 0.
     constants = [
 CONSTANTS
     ]
@@ -123,7 +124,7 @@ def _outputs(elements: Elements) -> list[tuple[str, str]]:
     of_joints = _states(elements)[: 2 * len(elements.joints)]
     beside = {j.position for j in elements.joints if j.body}
     sensed = {*elements.sensed, *beside}
-    if len(sensed) == len(beside):
+    if not any({j.position, j.speed} & sensed for j in elements.joints if not j.body):
         sensed |= {j.position for j in elements.joints}
     return [(n, u) for n, u in of_joints if n in sensed]
 
@@ -135,9 +136,11 @@ def _input(actuator: Actuator, elements: Elements) -> str:
 
 def _unit(actuator: Actuator, elements: Elements) -> str:
     """A command's unit: that of what it asks for, "1" where joint and actuator do not say."""
-    turns = next((j.turns for j in elements.joints if j.name == actuator.joint), None)
-    if actuator.site_unit:
-        return actuator.site_unit
+    turns = next(
+        (j.turns for j in elements.joints if j.name == actuator.joint and not j.body), None
+    )
+    if actuator.wrench_unit:
+        return actuator.wrench_unit
     if actuator.follows in ("pressure", "voltage"):
         return _UNITS[actuator.follows][0]
     return "1" if turns is None or not actuator.follows else _UNITS[actuator.follows][turns]
