@@ -548,6 +548,27 @@ def test_a_class_is_narrowed_by_its_own_members_only(settling, rival, left):
     assert (further and further.rivals) == left
 
 
+@pytest.mark.parametrize(
+    ("lag", "friction", "why", "first"),
+    [
+        ((0.03, 0.02, 0.04), (0.63, 0.53, 0.74), ACCEPTED, "friction"),
+        ((0.03, 0.02, 0.04), (0.63, 0.40, 0.80), ACCEPTED, "lag"),  # not surely
+        ((0.30, 0.02, 0.50), (0.63, 0.53, 0.74), ACCEPTED, "lag"),  # it may matter, too
+        ((0.03, 0.02, 0.04), (0.63, 0.53, 0.74), HARDLY, "lag"),
+    ],
+)
+def test_what_hardly_matters_waits_for_what_most_errors_are_of(lag, friction, why, first):
+    verdicts = [
+        Verdict(Candidate("dead-time", None, np.ones(4)), HARDLY, Weight(0.0, -0.1, 0.1)),
+        Verdict(Candidate("lag", None, 3.0 * np.ones(4)), ACCEPTED, Weight(*lag)),
+        Verdict(Candidate("spring", None, 2.0 * np.ones(4)), ACCEPTED, Weight(0.3, 0.2, 0.4)),
+        Verdict(Candidate("friction", None, np.ones(4)), why, Weight(*friction)),
+    ]
+    leader = rounds._leader(verdicts)
+    assert (leader and leader.candidate.name) == first
+    assert rounds._leader(verdicts[:1]) is None
+
+
 @pytest.mark.parametrize(("unseen", "runaway", "outdone"), [(1.2, 1.2, True), (0.3, 1e9, False)])
 def test_sealed_blocks_say_with_the_others_whether_no_model_forecasts_better(
     monkeypatch, unseen, runaway, outdone
