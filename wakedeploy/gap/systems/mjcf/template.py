@@ -21,7 +21,9 @@ _UNITS = {  # of a command, by what it asks for: on a slide, on a hinge
 _NOISE = {"_rad": 1e-3, "_m": 1e-4, "_radps": 1e-2, "_mps": 1e-3}
 
 _BODY = """
-BODY = [  # what acts on a body that moves freely, along the world's axes and about its own
+# What a body that moves freely may lack, along the world's axes and about its own; damping,
+# dry friction and armature of its joint are taken as exact.
+BODY = [
     "viscous-friction", "quadratic-drag", "added-inertia", "offset", "ground-effect",
 ]"""
 
@@ -55,8 +57,7 @@ STATES
 OUTPUTS
     ]
     # The model's numbers, and how well they are known; spread=0 is exact. Taken as exact, too:
-    # lengths, inertias beside masses, gravity, limits, springref, equalities, what a free joint
-    # states, and what is 0.
+    # lengths, inertias beside masses, gravity, limits, springref, equalities, and what is 0.
     constants = [
 CONSTANTS
     ]
