@@ -64,13 +64,20 @@ def test_rates_are_mujoco_s_own_and_angles_follow_scipy_s_rotations(tmp_path: Pa
     system, random, after_s = system_of(tmp_path), np.random.default_rng(0), 1e-6
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "copter.xml"))
     data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    centre = data.subtree_com[1] - data.xpos[1]  # in the file's pose, which is level
     for _ in range(5):
         at, speeds = random.normal(0, 0.6, 7), random.normal(0, 0.5, 7)
         at[2] += 3.0
         pushes = random.normal(0, 0.5, 7)
         data.qpos[:3], data.qpos[7] = at[:3], at[6]
         data.qpos[3:7] = Rotation.from_euler("ZYX", at[5:2:-1]).as_quat(scalar_first=True)
-        data.qvel[:], data.qfrc_applied[:] = speeds, pushes
+        data.qvel[:] = speeds
+        mujoco.mj_forward(model, data)
+        # Pushed where its mass is: by MuJoCo's own map of a force at a place to its joints.
+        place = data.xpos[1] + data.xmat[1].reshape(3, 3) @ centre
+        data.qfrc_applied[:] = [0.0, 0.0, 0.0, *pushes[3:]]
+        mujoco.mj_applyFT(model, data, pushes[:3], np.zeros(3), place, 1, data.qfrc_applied)
         data.ctrl[:] = commands = random.uniform(1.0, 3.0, 5)
         mujoco.mj_forward(model, data)
         later = data.qpos.copy()
@@ -292,3 +299,21 @@ def test_of_a_flight_upright_or_far_away_it_is_said(tmp_path: Path) -> None:
     none = Point("input", dict.fromkeys((i.name for i in system.inputs), 0.0))
     rates = system.derivative(Point("state", states), none, system.values())
     assert rates["copter_z_mps"] == pytest.approx(-9.81, abs=0.01)
+
+
+def test_a_drag_turns_nothing_and_meets_the_whole_mass(tmp_path: Path) -> None:
+    system = system_of(tmp_path)
+    names = [i.name for i in system.inputs]
+    angles = {"copter_roll_rad": 0.3, "copter_pitch_rad": -0.4, "copter_yaw_rad": 1.0}
+    states = Point("state", dict.fromkeys(system.states, 0.0) | angles | {"copter_z_m": 2.0})
+    none = Point("input", dict.fromkeys(names, 0.0))
+    free, pushed = (
+        system.derivative_under(states, none, system.values(), forces)
+        for forces in ({}, {"copter_x_mps": 1.9})
+    )
+    change = {n: float(pushed[n]) - float(free[n]) for n in system.states}
+    assert change["copter_x_mps"] == pytest.approx(1.9 / 0.95, rel=0.01)  # a camera hangs on it
+    for letter in "pqr":
+        assert abs(change[f"copter_{letter}_radps"]) < 0.3  # pushed at its origin, up to 5.3
+    inertia = {c.name: c.value for c in system.constants}["copter_x_inertia_kg"]
+    assert inertia == pytest.approx(0.95)

@@ -115,6 +115,7 @@ class Elements:
     attributes: dict[str, Attribute]
     sensed: Mapping[str, float]  # the noise that sensors state of the states that they show
     coupled: tuple[tuple[str, ...], ...]  # joints that an equality holds to each other, or alone
+    centres: Mapping[str, FloatArray]  # of mass of bodies that move freely, from the origin of each
 
     @property
     def free_angles(self) -> tuple[tuple[Joint, Joint, Joint], ...]:

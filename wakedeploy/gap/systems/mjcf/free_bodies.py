@@ -35,6 +35,25 @@ def quaternion(roll: Any, pitch: Any, yaw: Any) -> FloatArray:
     )
 
 
+def twist(angles: Sequence[Any], pushes: Sequence[Any], centre: FloatArray) -> Sequence[Any]:
+    """The torques (3, …) about a body's own axes of pushes along the world's (3, …) at a centre.
+
+    `centre` (3,) is in the body's axes, from its origin.
+    """
+    w, x, y, z = quaternion(*angles)
+    a, b, c = (np.asarray(push, dtype=float) for push in pushes)
+    along = (  # the push in the body's axes
+        (1 - 2 * (y * y + z * z)) * a + 2 * (x * y + w * z) * b + 2 * (x * z - w * y) * c,
+        2 * (x * y - w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z + w * x) * c,
+        2 * (x * z + w * y) * a + 2 * (y * z - w * x) * b + (1 - 2 * (x * x + y * y)) * c,
+    )
+    return (
+        centre[1] * along[2] - centre[2] * along[1],
+        centre[2] * along[0] - centre[0] * along[2],
+        centre[0] * along[1] - centre[1] * along[0],
+    )
+
+
 def angle_rates(angles: Sequence[Any], turns: Sequence[Any]) -> tuple[Any, Any, Any]:
     """How fast roll, pitch and yaw change [rad/s] where the body turns by p, q, r [rad/s]."""
     (roll, pitch, _), (p, q, r) = angles, turns

@@ -21,6 +21,7 @@ from wakedeploy.gap.systems.mjcf.bounds import require_bounded
 from wakedeploy.gap.systems.mjcf.elements import Actuator, Elements, Joint
 from wakedeploy.gap.systems.mjcf.free_bodies import ANGLES, SLIDES, TURNS
 from wakedeploy.gap.systems.mjcf.names import word
+from wakedeploy.gap.systems.system import FloatArray
 
 _SERVO = 3  # numbers of a position or velocity servo's bias: 0, −kp, −kv
 
@@ -51,6 +52,7 @@ def read_elements(path: Path) -> Elements:
         dict(attributes_of(path, model, joints, actuators)),
         _sensed(library, model, joints),
         _coupled(library, model),
+        {j.body: _centre(library, model, j.body) for j in joints if j.body},
     )  # fmt: skip
 
 
@@ -160,8 +162,9 @@ def _axes(path: Path, model: Any, i: int, inertias: Sequence[float]) -> list[Joi
     number = int(model.jnt_bodyid[i])
     body = model.body(number).name
     stem = word(path, body, "body", number - 1)  # the world is the first of MuJoCo's bodies
+    mass = float(model.body_subtreemass[number])
     slides = [
-        Joint(body, f"{stem}_{axis}", False, at + k, dof + k, inertias[k], body)
+        Joint(body, f"{stem}_{axis}", False, at + k, dof + k, mass, body)
         for k, axis in enumerate(SLIDES)
     ]
     return slides + [
@@ -325,6 +328,16 @@ def _is_along(model: Any, data: Any, site: int, body: str) -> bool:
     of = model.body(body).id
     is_on = int(model.body_weldid[int(model.site_bodyid[site])]) == int(model.body_weldid[of])
     return is_on and np.allclose(data.site_xmat[site], data.xmat[of], atol=1e-6)
+
+
+def _centre(library: Any, model: Any, body: str) -> FloatArray:
+    """The centre of mass (3,) of a body and what hangs on it, in its axes in the file's pose."""
+    data = library.MjData(model)
+    library.mj_kinematics(model, data)
+    library.mj_comPos(model, data)
+    number = model.body(body).id
+    axes = np.asarray(data.xmat[number]).reshape(3, 3)
+    return np.asarray(axes.T @ (data.subtree_com[number] - data.xpos[number]))
 
 
 def _coupled(library: Any, model: Any) -> tuple[tuple[str, ...], ...]:

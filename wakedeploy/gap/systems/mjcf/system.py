@@ -15,7 +15,7 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.systems.mjcf.elements import Elements
-from wakedeploy.gap.systems.mjcf.free_bodies import angle_rates, turning
+from wakedeploy.gap.systems.mjcf.free_bodies import angle_rates, turning, twist
 from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
 from wakedeploy.gap.systems.mjcf.reading import mujoco, read_elements
 from wakedeploy.gap.systems.own_system import System
@@ -73,8 +73,13 @@ class MjcfSystem(System):
     def derivative_under(
         self, state: Point, inputs: Point, c: Point, forces: Mapping[str, Any]
     ) -> dict[str, Any]:
-        """The same with forces on joints, by the name of the joint's speed [N m, N]."""
+        """The same with forces on joints, by the name of the joint's speed [N m, N].
+
+        Those along the world's axes act at the centre of mass of what moves freely, and turn
+        nothing.
+        """
         joints, actuators = self._elements.joints, self._elements.actuators
+        forces = self._at_centres(state, forces)
         acting = [a for a in actuators if a.act >= 0]
         states = [
             *(getattr(state, j.position) for j in joints),
@@ -96,6 +101,20 @@ class MjcfSystem(System):
             first |= zip((a.position for a in angles), angle_rates(at, by), strict=True)
         later = [*(j.speed for j in joints), *(a.state for a in acting)]
         return first | {name: rates[..., i] for i, name in enumerate(later)}
+
+    def _at_centres(self, state: Point, forces: Mapping[str, Any]) -> dict[str, Any]:
+        """Forces as MuJoCo takes them, at the origins of bodies that move freely."""
+        result = {j.speed: forces[j.speed] for j in self._elements.joints if j.speed in forces}
+        for angles in self._elements.free_angles:
+            body = angles[0].body
+            slides = [j.speed for j in self._elements.joints if j.body == body and not j.turns]
+            if any(name in result for name in slides):
+                pushes = [result.get(name, 0.0) for name in slides]
+                at = [getattr(state, a.position) for a in angles]
+                turns = twist(at, pushes, self._elements.centres[body])
+                for axis, turn in zip(angles, turns, strict=True):
+                    result[axis.speed] = result.get(axis.speed, 0.0) + turn
+        return result
 
     def geometric(self) -> tuple[str, ...]:
         """The angles of bodies that move freely."""
