@@ -1,5 +1,7 @@
 """What is said of how long a search takes, of systems that are asked for each point."""
 
+import itertools
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -40,16 +42,25 @@ def model_of(cart: type[Cart]) -> LogModel:
     return LogModel(checked(cart()), [Recording("log", time_s, columns)])
 
 
-def test_of_a_search_that_is_soon_done_nothing_is_said() -> None:
-    assert long_search(model_of(Cart)) == []
-
-
-def test_a_search_that_takes_long_is_said_before_with_what_shortens_it(monkeypatch) -> None:
-    monkeypatch.setattr(duration, "_WORTH_SAYING_S", 0.0)
-    (said,) = long_search(model_of(Cart))
-    effects = len(model_of(Cart).library)
-    assert f"minutes here (2 states, {effects} effects), as each of its points is" in said
-    assert "spread=0" in said
+@pytest.mark.parametrize(
+    ("passes_s", "said"), [(0.01, ""), (16.0, "30 minutes"), (64.0, "2 hours")]
+)
+def test_a_search_that_takes_long_is_said_before_with_what_shortens_it(
+    monkeypatch, passes_s, said
+) -> None:
+    """By a clock of its own: `passes_s` for the eight sets that are timed."""
+    clock = itertools.count(step=passes_s)
+    monkeypatch.setattr(duration, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    model = model_of(Cart)
+    effects, parameters = len(model.library), len(model.free(()))
+    lasts_s = 2.0 * (35.0 + 0.6 * effects) * parameters * passes_s / 8.0
+    notes = long_search(model)
+    if not said:
+        assert notes == []
+        return
+    assert said == duration._rounded(lasts_s)
+    assert f"{said} here (2 states, {effects} effects), as each of its points is" in notes[0]
+    assert "spread=0" in notes[0]
     assert long_search(model_of(PlainCart)) == []
 
 

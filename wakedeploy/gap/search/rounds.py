@@ -148,13 +148,12 @@ def _leader(verdicts: Sequence[Verdict]) -> Verdict | None:
     A lag bends to a little of everything that is missing, so it may gain more nats. Fitted first it
     takes what is another's, and the climbs of all later rounds start beside that.
     """
-    accepted = [v for v in verdicts if v.why == ACCEPTED and v.weight is not None]
-    if not accepted or accepted[0].weight is None:
+    accepted = [(v, v.weight) for v in verdicts if v.why == ACCEPTED and v.weight is not None]
+    if not accepted:
         return None
-    if accepted[0].weight.high < RULES.little_share:
-        heavy = (v for v in accepted if v.weight is not None and v.weight.low > RULES.first_share)
-        return next(heavy, accepted[0])
-    return accepted[0]
+    first, weight = accepted[0]
+    heavy = [v for v, w in accepted if w.low > RULES.first_share]
+    return heavy[0] if heavy and weight.high < RULES.little_share else first
 
 
 def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:

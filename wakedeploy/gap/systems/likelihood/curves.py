@@ -11,7 +11,6 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import same_unit
 from wakedeploy.gap.evidence.fits import FloatArray
-from wakedeploy.gap.systems.system import Point, StateSpace
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
@@ -39,32 +38,23 @@ def curves(model: "LogModel") -> dict[str, tuple[str, ...]]:
         tried = np.repeat(inputs[:, None, at], _ALONG, axis=1)  # (i, _ALONG, _PLACES)
         there = np.repeat(states[:, None, at], _ALONG, axis=1)
         try:
-            asked = _asked_for(system, i, inputs[:, at], states[:, at])
+            asked = _asked_for(model, i, inputs[:, at], states[:, at])
             about = np.zeros_like(inputs[i]) if asked is None else states[asked]
             ahead = inputs[i] - about
             tried[i] = about[at] + np.linspace(ahead.min(), ahead.max(), _ALONG)[:, None]
-            rates = _rates(system, tried, there)
+            rates = dict(zip(system.states, model.rates_at(there, tried), strict=True))
         except UnusableInput:  # a user's function need not work everywhere
             continue
-        bent = [n for n, rate in rates.items() if _is_bent(np.broadcast_to(rate, tried[i].shape))]
+        bent = [n for n, rate in rates.items() if _is_bent(rate)]
         if asked is not None:
-            bent += [n for n in _idle(system, i, inputs[:, at], states[:, at]) if n not in bent]
+            bent += [n for n in _idle(model, i, inputs[:, at], states[:, at]) if n not in bent]
         if bent:
             found[stated.name] = tuple(bent)
     return found
 
 
-def _rates(system: StateSpace, inputs: FloatArray, states: FloatArray) -> dict[str, FloatArray]:
-    """The system's own rates at inputs (i, …) and states (n, …), each (…)."""
-    state = Point("state", dict(zip(system.states, states, strict=True)))
-    driven = Point("input", dict(zip((s.name for s in system.inputs), inputs, strict=True)))
-    with np.errstate(all="ignore"):
-        rates = system.rates(state, driven, system.values())
-    return {n: np.broadcast_to(rate, states.shape[1:]) for n, rate in rates.items()}
-
-
 def _nudged(
-    system: StateSpace, i: int, inputs: FloatArray, states: FloatArray, along: int | None = None
+    model: "LogModel", i: int, inputs: FloatArray, states: FloatArray, along: int | None = None
 ) -> dict[str, FloatArray]:
     """How rates change with a little more of an input, and as much of the state `along`."""
     little = _NUDGE * (float(np.ptp(inputs[i])) or 1.0)
@@ -72,34 +62,34 @@ def _nudged(
     more[i] += little
     if along is not None:
         there[along] += little
-    before, after = _rates(system, inputs, states), _rates(system, more, there)
-    return {n: np.abs(after[n] - before[n]) for n in before}
+    change = np.abs(model.rates_at(there, more) - model.rates_at(states, inputs))
+    return dict(zip(model.system.states, change, strict=True))
 
 
-def _driven(system: StateSpace, pushed: dict[str, FloatArray]) -> list[str]:
+def _driven(pushed: dict[str, FloatArray]) -> list[str]:
     """The states whose rates an input moves by more than rounding does."""
     most = max(float(np.median(change)) for change in pushed.values())
     return [n for n, change in pushed.items() if np.median(change) > max(_MOVES * most, 0.0)]
 
 
-def _asked_for(system: StateSpace, i: int, inputs: FloatArray, states: FloatArray) -> int | None:
+def _asked_for(model: "LogModel", i: int, inputs: FloatArray, states: FloatArray) -> int | None:
     """The place of the state that an input asks for: if both move alike, hardly any rate does."""
-    pushed = _nudged(system, i, inputs, states)
-    driven = _driven(system, pushed)
-    for j, unit in enumerate(system.states.values()):
-        if driven and same_unit(unit, system.inputs[i].unit):
-            both = _nudged(system, i, inputs, states, along=j)
+    pushed = _nudged(model, i, inputs, states)
+    driven = _driven(pushed)
+    for j, unit in enumerate(model.system.states.values()):
+        if driven and same_unit(unit, model.system.inputs[i].unit):
+            both = _nudged(model, i, inputs, states, along=j)
             if all(np.median(both[n]) < _FOLLOWS * np.median(pushed[n]) for n in driven):
                 return j
     return None
 
 
-def _idle(system: StateSpace, i: int, inputs: FloatArray, states: FloatArray) -> list[str]:
+def _idle(model: "LogModel", i: int, inputs: FloatArray, states: FloatArray) -> list[str]:
     """Driven states that an input leaves alone in some places."""
-    pushed = _nudged(system, i, inputs, states)
+    pushed = _nudged(model, i, inputs, states)
     return [
         n
-        for n in _driven(system, pushed)
+        for n in _driven(pushed)
         if np.sum(pushed[n] < _NEXT_TO_NOTHING * np.median(pushed[n])) >= _SOME
     ]
 

@@ -179,7 +179,7 @@ class LogModel(ComparisonDefaults):
         """The states' rates by the model where the logs begin, (n, logs)."""
         states = np.array([start.states[:, 0] for start in self._starts]).T
         inputs = np.array([log.inputs[:, 0] for log in self.logs]).T
-        return self._rates(states, inputs)
+        return self.rates_at(states, inputs)
 
     def sealed(self) -> tuple[int, ...]:
         """The last quarter of the blocks, in one piece: excitations may repeat.
@@ -541,15 +541,15 @@ class LogModel(ComparisonDefaults):
                 sizes |= _signs(name, row, sizes[name])
                 low, high = np.quantile(row, [1.0 - _ENDS, _ENDS])
                 sizes |= {f"lowest {name}": float(low), f"highest {name}": float(high)}
-        rates = self._rates(states, inputs)
+        rates = self.rates_at(states, inputs)
         for i, name in enumerate(self.system.states):
             moved = np.concatenate([np.gradient(g[i], self.dt_s) for g in guessed])
             size = float(np.sqrt(np.mean(rates[i] ** 2)))
             sizes[f"d {name}"] = size if size > 0.0 and np.isfinite(size) else _usual(moved)
         return sizes
 
-    def _rates(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
-        """The rates along the log by the model, (n, N)."""
+    def rates_at(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
+        """The rates (n, …) by the model at states (n, …) and inputs (i, …)."""
         state = Point("state", dict(zip(self.system.states, states, strict=True)))
         names = [i.name for i in self.system.inputs]
         driven = Point("input", dict(zip(names, inputs, strict=True)))
