@@ -35,9 +35,8 @@ class Rules:
         least_share: Share of the squared error of forecasts that an effect removes to matter.
         least_of_gap: Share of the squared error that there was at first which a further effect
             removes to matter.
-        first_share: An effect that surely removes this share of the squared error comes before
-            one that gains more nats and surely removes less than `little_share`.
-        little_share: See `first_share`.
+        first_share: An effect that surely removes more than this share of the squared error comes
+            before one that gains more nats and surely removes less than this share of that.
         simpler_share: Share of the best's gain that a simpler effect needs to be named instead, and
             an effect of the library to keep its name beside a formula.
         unexplained_share: An effect that is not named and removes more than this share of the
@@ -99,7 +98,6 @@ class Rules:
     least_share: float = 0.01
     least_of_gap: float = 0.001
     first_share: float = 0.5
-    little_share: float = 0.1
     simpler_share: float = 0.8
     unexplained_share: float = 0.1
     unknown_push: float = 0.5

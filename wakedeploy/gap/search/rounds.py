@@ -143,7 +143,7 @@ def _judged(
 
 
 def _leader(verdicts: Sequence[Verdict]) -> Verdict | None:
-    """The first that is accepted; one that hardly matters waits for one that most errors are of.
+    """The first that is accepted, or one that surely removes most of the error and twice as much.
 
     A lag bends to a little of everything that is missing, so it may gain more nats. Fitted first it
     takes what is another's, and the climbs of all later rounds start beside that.
@@ -152,8 +152,10 @@ def _leader(verdicts: Sequence[Verdict]) -> Verdict | None:
     if not accepted:
         return None
     first, weight = accepted[0]
-    heavy = [v for v, w in accepted if w.low > RULES.first_share]
-    return heavy[0] if heavy and weight.high < RULES.little_share else first
+    for verdict, other in accepted:
+        if other.low > RULES.first_share and weight.high < RULES.first_share * other.low:
+            return verdict
+    return first
 
 
 def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
