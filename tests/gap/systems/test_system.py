@@ -358,3 +358,57 @@ def test_a_log_that_is_no_csv_file_is_answered_with_the_way_in(tmp_path):
         read_plain(path, Axis())
     with pytest.raises(UnusableInput, match="give a log that can be read"):
         read_plain(tmp_path / "absent.csv", Axis())
+
+
+class Crane(System):
+    """A load on a rope whose logged length divides: never 0, but nothing says so."""
+
+    rate_hz = 50.0
+    inputs = [Input("push_mps2", "m/s^2"), Input("rope_m", "m")]
+    states = {"sway_rad": "rad", "sway_radps": "rad/s"}
+    outputs = [Output("sway_rad", "rad")]
+
+    def derivative(self, state, inputs, c):
+        swings = -(9.81 * np.sin(state.sway_rad) + inputs.push_mps2) / inputs.rope_m
+        return {"sway_rad": state.sway_radps, "sway_radps": swings}
+
+
+def _swung(rope_m):
+    time_s = np.arange(200) / 50.0
+    columns = {
+        "push_mps2": np.sin(time_s),
+        "rope_m": rope_m,
+        "sway_rad": 0.1 * np.cos(3.0 * time_s),
+    }
+    return Recording("lift", time_s, columns)
+
+
+def test_an_input_that_divides_need_not_be_0():
+    system = checked(Crane())
+    model = LogModel(system, [_swung(np.linspace(0.8, 1.5, 200))])
+    assert np.isfinite(fit(model, (), (0,), None).objective)
+
+
+def test_a_recording_where_an_input_leaves_the_model_says_so():
+    rope_m = np.linspace(0.8, 1.5, 200)
+    rope_m[77] = 0.0
+    with pytest.raises(
+        UnusableInput, match=r"lift: Crane gives no number.*'sway_radps'.*rope_m = 0,"
+    ):
+        LogModel(checked(Crane()), [_swung(rope_m)])
+
+
+def test_an_input_is_tried_within_its_limits():
+    class Hot(Crane):
+        inputs = [Input("push_mps2", "m/s^2"), Input("rope_m", "m", low=300.0)]
+
+        def derivative(self, state, inputs, c):
+            return {
+                "sway_rad": state.sway_radps,
+                "sway_radps": np.sqrt(inputs.rope_m - 273.0) - inputs.push_mps2,
+            }
+
+    assert checked(Hot())
+    Hot.inputs = Crane.inputs
+    with pytest.raises(UnusableInput, match=r"gives nan for 'sway_radps'.*state `low` and"):
+        checked(Hot())

@@ -96,13 +96,14 @@ def _is_number(
     tried: Mapping[str, FloatArray],
     constants: Mapping[str, float],
 ) -> NDArray[np.bool_]:
-    """At which of the points (n,) a function gives finite numbers; nowhere if it fails."""
+    """At which of the points (...) a function gives finite numbers; nowhere if it fails."""
+    shape = next(iter(tried.values())).shape
     try:
         with np.errstate(all="ignore"):
             given = _at(system, method, tried, constants)
-    except UnusableInput:  # of what the function itself raises there
-        return np.zeros(_POINTS, dtype=bool)
-    finite = [np.broadcast_to(np.isfinite(value), _POINTS) for value in given.values()]
+            finite = [np.broadcast_to(np.isfinite(value), shape) for value in given.values()]
+    except (UnusableInput, ValueError):  # what the function itself raises there; wrong shapes
+        return np.zeros(shape, dtype=bool)
     return np.asarray(np.logical_and.reduce(finite))
 
 
@@ -329,6 +330,7 @@ def _check_functions(system: StateSpace) -> None:
     shape = (3, 5)
     tried = _tried(system, shape)
     tried = {n: np.where(np.arange(15).reshape(shape) == 0, 0.0, v) for n, v in tried.items()}
+    tried = _bearable(system, tried)
     for stated in system.inputs:
         if stated.law is not None:
             _check_made(system, stated, {i.name: tried[i.name] for i in system.logged})
@@ -345,6 +347,21 @@ def _check_functions(system: StateSpace) -> None:
     for port in system.ports:
         if port.function is not None:
             _check_custom(system, port, state, inputs, shape)
+
+
+def _bearable(system: StateSpace, tried: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """The points within the inputs' limits; with positive inputs if only these give numbers.
+
+    States go wherever a search takes them, but inputs are what a log says, and no rope is 0 m long.
+    """
+    limits = {i.name: _limits(i) for i in system.inputs}
+    within = {n: np.clip(tried[n], *ends) for n, ends in limits.items()}
+    positive = {n: np.clip(0.5 + np.abs(tried[n]), *ends) for n, ends in limits.items()}
+    for inputs in (within, positive):
+        points = tried | inputs
+        if all(_is_number(system, m, points, {}).all() for m in (system.rates, system.readings)):
+            return points
+    return tried | within
 
 
 def _check_made(system: StateSpace, stated: Input, logged: dict[str, FloatArray]) -> None:
@@ -413,12 +430,17 @@ def _check_like(system: StateSpace, port: Port) -> None:
 
 def _of_every_size(stated: Input, rng: np.random.Generator) -> FloatArray:
     """An input (N,) of either sign and every size, within its limits."""
-    low = -math.inf if stated.low is None else stated.low
-    high = math.inf if stated.high is None else stated.high
+    low, high = _limits(stated)
     if math.isfinite(high - low):
         return np.asarray(rng.uniform(low, high, _POINTS))
     values = rng.choice([-1.0, 1.0], _POINTS) * np.geomspace(1e-3, 1e3, _POINTS)
     return np.asarray(np.clip(values, low, high))
+
+
+def _limits(stated: Input) -> tuple[float, float]:
+    """An input's limits, infinite where it states none."""
+    low = -math.inf if stated.low is None else stated.low
+    return low, math.inf if stated.high is None else stated.high
 
 
 def _tried(system: StateSpace, shape: tuple[int, ...]) -> dict[str, FloatArray]:
@@ -471,7 +493,8 @@ def _evaluated(
             point = ", ".join(f"{n} = {tried[n][at]:.3g}" for n in tried)
             raise UnusableInput(
                 f"{where} gives {result[name][at]} for {name!r} at {point}; a search tries such "
-                "points, so bound what goes into it (np.maximum, np.clip)."
+                "points, so bound what goes into it (np.maximum, np.clip), or state `low` and "
+                "`high` of an input that is never there."
             )
     return result
 

@@ -39,11 +39,12 @@ class Input:
     controller does; "linear" goes straight to the next, as a sampled signal does;
     "bandlimited" is for one that was filtered before it was sampled, as by most recorders. `unit`
     is one of the project's, "" for none; a log's column (T,) is converted to it. `low` and `high`
-    are limits that `gap plan` keeps to, without them those of the logs. With `is_commanded=False`
-    nobody can command it, as a battery's voltage that is measured: `gap plan` leaves it at its
-    logged mean. `delay_s` is by how much later than its row it acts, as far as that is known; until
-    then a log's first value does. A name or a unit that is not known, limits in the wrong order and
-    a delay below 0 raise UnusableInput when the system is loaded.
+    are limits that `gap plan` keeps to, without them those of the logs; beyond them the model need
+    not give numbers. With `is_commanded=False` nobody can command it, as a battery's voltage that
+    is measured: `gap plan` leaves it at its logged mean. `delay_s` is by how much later than its
+    row it acts, as far as that is known; until then a log's first value does. A name or a unit that
+    is not known, limits in the wrong order and a delay below 0 raise UnusableInput when the system
+    is loaded.
 
     `law(inputs)` computes the input, in `unit`, from the logged ones: a thrust that goes with the
     square of a pulse. These are numbers or arrays of one shape, which it returns and does not write

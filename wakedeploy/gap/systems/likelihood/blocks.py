@@ -17,7 +17,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.kinds.inputs import shifted
 from wakedeploy.gap.systems.likelihood.between_samples import between
-from wakedeploy.gap.systems.system import Input, StateSpace
+from wakedeploy.gap.systems.system import Input, Point, StateSpace
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -97,6 +97,7 @@ def _log(system: StateSpace, recording: Recording) -> Log:
         system, {i.name: _driving(system, i, row, every) for i, row in logged.items()}
     )
     _check_laws(system, recording, driving)
+    _check_rates(system, recording, driving)
     means = {
         i.name: shifted(row, i.delay_s * recording.rate_hz).reshape(n, every).mean(1)
         for i, row in logged.items()
@@ -198,6 +199,35 @@ def _input(recording: Recording, stated: Input) -> FloatArray:
         )
     last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(column))))
     return np.asarray(column[last])
+
+
+def _check_rates(system: StateSpace, recording: Recording, driving: FloatArray) -> None:
+    """Check that a model gives numbers where an input is smallest, largest and nearest to 0.
+
+    With states at 0, as any search tries them.
+    """
+    if not len(driving):
+        return
+    ends = [place(row) for row in driving for place in (np.argmin, np.argmax, _nearest_to_0)]
+    places = np.unique(ends)
+    state = Point("state", {n: np.zeros(len(places)) for n in system.states})
+    names = [i.name for i in system.inputs]
+    inputs = Point("input", dict(zip(names, driving[:, places], strict=True)))
+    with np.errstate(all="ignore"):
+        rates = system.rates(state, inputs, system.values())
+    for name, values in rates.items():
+        finite = np.broadcast_to(np.isfinite(values), len(places))
+        if not finite.all():
+            at = places[int(np.argmin(finite))]
+            of = ", ".join(f"{n} = {driving[k, at]:.4g}" for k, n in enumerate(names))
+            raise UnusableInput(
+                f"{recording.name}: {system.name} gives no number for the rate of {name!r} at "
+                f"{of}, which this recording has; bound what goes into it (np.maximum, np.clip)."
+            )
+
+
+def _nearest_to_0(row: FloatArray) -> np.intp:
+    return np.argmin(np.abs(row))
 
 
 def _check_delay(stated: Input, recording: Recording) -> None:
