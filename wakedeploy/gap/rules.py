@@ -35,8 +35,8 @@ class Rules:
         least_share: Share of the squared error of forecasts that an effect removes to matter.
         least_of_gap: Share of the squared error that there was at first which a further effect
             removes to matter.
-        first_share: An effect that surely removes more than this share of the squared error comes
-            before one that gains more nats and surely removes less than this share of that.
+        first_times: An effect that surely removes this many times as much of the squared error as
+            another comes before it, although that one gains more nats.
         simpler_share: Share of the best's gain that a simpler effect needs to be named instead, and
             an effect of the library to keep its name beside a formula.
         unexplained_share: An effect that is not named and removes more than this share of the
@@ -97,7 +97,7 @@ class Rules:
     most_in_class: int = 3
     least_share: float = 0.01
     least_of_gap: float = 0.001
-    first_share: float = 0.5
+    first_times: float = 2.0
     simpler_share: float = 0.8
     unexplained_share: float = 0.1
     unknown_push: float = 0.5

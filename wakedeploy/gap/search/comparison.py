@@ -142,6 +142,10 @@ class Comparison(Model, Protocol):
         """Whether an effect is a finer law of the friction that a simpler one is."""
         ...
 
+    def held_by_friction(self, hypothesis: Hypothesis) -> Sequence[str]:
+        """Constant effects that a dry friction of a hypothesis may hold."""
+        ...
+
     def inputs_answered(self, fitted: Fit, name: str) -> float:
         """What inputs do with an effect, as fitted, as a share of what they do without."""
         ...
@@ -215,6 +219,10 @@ class ComparisonDefaults:
     def is_friction_law(self, name: str) -> bool:
         """No effect is."""
         return False
+
+    def held_by_friction(self, hypothesis: Hypothesis) -> Sequence[str]:
+        """No effect holds another."""
+        return ()
 
     def inputs_answered(self, fitted: Fit, name: str) -> float:
         """No effect says that it changes that."""

@@ -33,6 +33,8 @@ from wakedeploy.gap.search.starting_constants import beginning
 from wakedeploy.gap.search.weighing import crossed, is_outdone, unfitted, unseen, weight_of
 from wakedeploy.gap.search.withdrawal import borne_out, still_needed, with_sizes
 
+_TURNS = 2  # what is left once superfluous effects are gone is searched once more
+
 
 def fitted_base(model: Comparison) -> Fit:
     """The system as it is, on the episodes that are not sealed.
@@ -168,12 +170,11 @@ def _found(
     out.
     """
     part, outcome = searched_on(model), start
-    while len(outcome.found.hypothesis) < RULES.most_effects:
-        further = with_one_more(part, outcome, progress, anew)
-        if further is None:
+    for _ in range(_TURNS):
+        ahead = _ahead(part, outcome, progress, anew)
+        outcome, anew = still_needed(part, ahead), {}
+        if outcome.found.hypothesis == ahead.found.hypothesis:
             break
-        outcome, anew = further, {}
-    outcome = still_needed(part, outcome)
     if part is not model:
         progress("fitting what was found to all samples")
         outcome = _on_all(model, base, outcome)
@@ -184,6 +185,16 @@ def _found(
     start = replace(start, rounds=rounds, alone=alone, withdrawn=withdrawn)
     again = _found(model, base, start, progress, {})
     return again if again.found.hypothesis else outcome
+
+
+def _ahead(part: Comparison, outcome: Named, progress: Progress, anew: Mapping[str, Fit]) -> Named:
+    """What is named, one effect after another, until none is or there are enough."""
+    while len(outcome.found.hypothesis) < RULES.most_effects:
+        further = with_one_more(part, outcome, progress, anew)
+        if further is None:
+            break
+        outcome, anew = further, {}
+    return outcome
 
 
 def _stays(model: Comparison, outcome: Named) -> tuple[Named, tuple[str, ...]]:

@@ -143,7 +143,7 @@ def _judged(
 
 
 def _leader(verdicts: Sequence[Verdict]) -> Verdict | None:
-    """The first that is accepted, or one that surely removes most of the error and twice as much.
+    """The first that is accepted, unless another surely removes twice as much of the error.
 
     A lag bends to a little of everything that is missing, so it may gain more nats. Fitted first it
     takes what is another's, and the climbs of all later rounds start beside that.
@@ -153,8 +153,8 @@ def _leader(verdicts: Sequence[Verdict]) -> Verdict | None:
         return None
     first, weight = accepted[0]
     for verdict, other in accepted:
-        if other.low > RULES.first_share and weight.high < RULES.first_share * other.low:
-            return verdict
+        if other.low > RULES.first_times * weight.high:
+            first, weight = verdict, other
     return first
 
 

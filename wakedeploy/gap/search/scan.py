@@ -18,6 +18,7 @@ from wakedeploy.gap.search.comparison import Comparison, is_far_ahead
 from wakedeploy.gap.search.first_look import Ground, Look, looks, white_rest
 from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.needed_gain import Chance
+from wakedeploy.gap.search.sticking import begun_moving
 
 CLIMBED = 6  # candidates that are raced
 _CLIMB_LOOKS = 10  # about as many looks as take the time of one climb to the end
@@ -56,6 +57,7 @@ def ranked(
         model, base, starts, fits, lambda k: steps(len(names) + _CLIMB_LOOKS * k, total)
     )
     ends = {chosen[i].name: f for i, f in ended.items()}
+    known = {**begun_moving(model, base, names), **known}
     ends |= {n: f for n, f in known.items() if f.objective > ends.get(n, fitted[n]).objective}
     ends |= {name: _highest(model, base, contender) for name, contender in ends.items()}
     alike = _lookalikes(model, ground, order, fitted, ends)

@@ -4,13 +4,18 @@ In: an outcome. Out: the same without effects that later ones made superfluous, 
 0, or that sealed blocks do not bear out.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, own_places, prior_precision
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.ranking import candidate
+from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.climbing import height
 from wakedeploy.gap.search.comparison import Comparison, theta_from
+from wakedeploy.gap.search.first_look import starts_of
 from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
 from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, chance_of, left_of, marked
 from wakedeploy.gap.search.rivalry import is_nothing, sizes_of
@@ -18,18 +23,25 @@ from wakedeploy.gap.search.size_bounds import profiled
 from wakedeploy.gap.search.sizes import joined_sizes
 from wakedeploy.gap.search.weighing import helps
 
+_ALIKE = 0.3  # cosine of what two effects change
+
 
 def still_needed(model: Comparison, outcome: Named) -> Named:
-    """The outcome without effects that later ones made superfluous."""
+    """The outcome without effects that later ones made superfluous.
+
+    What was named first took what is another's, and that one was fitted beside it. So where both
+    change outputs alike, the other also begins anew.
+    """
     found = outcome.found
     if not outcome.rounds:
         return outcome
     chance = max(map(chance_of, outcome.rounds))
     tried = max(len(r.ranking) for r in outcome.rounds)
     for name in found.hypothesis[:-1]:
-        if _evident_by_size(found, name) > RULES.plain_times * chance.nats:
+        alike = _alike(found, name)
+        if not alike and _evident_by_size(found, name) > RULES.plain_times * chance.nats:
             continue
-        without = _without(model, found, name)
+        without = _without(model, found, name, alike)
         again = candidate(without, name, found, model)
         needed = needed_nats(again, chance, tried)
         if again.gains.sum() <= needed or not is_shared(again, needed):
@@ -76,11 +88,30 @@ def borne_out(model: Comparison, outcome: Named) -> Named:
     return left_of(outcome, found)
 
 
-def _without(model: Comparison, found: Fit, name: str) -> Fit:
-    """A fit without this effect."""
+def _without(model: Comparison, found: Fit, name: str, anew: Sequence[str] = ()) -> Fit:
+    """The best fit without this effect; effects `anew` begin at their usual sizes, too."""
     rest = tuple(n for n in found.hypothesis if n != name)
-    start = theta_from(model, rest, found)
-    return settled(model, fit(model, rest, found.episodes, start))[0]
+    free, start = model.free(rest), theta_from(model, rest, found)
+    starts = [start]
+    for other in anew:
+        starts += starts_of(start, free, own_places(free, other))
+    fits = [fit(model, rest, found.episodes, theta) for theta in starts]
+    return settled(model, max(fits, key=height))[0]
+
+
+def _alike(found: Fit, name: str) -> list[str]:
+    """The later effects that change outputs as this one does, as far as a fit's slopes say."""
+    columns = np.concatenate(whitened(found.slopes))
+    mine, *others = (
+        np.linalg.qr(columns[:, own_places(found.free, n)])[0]
+        for n in found.hypothesis[found.hypothesis.index(name) :]
+    )
+    names = found.hypothesis[found.hypothesis.index(name) + 1 :]
+    return [
+        n
+        for n, theirs in zip(names, others, strict=True)
+        if np.linalg.norm(mine.T @ theirs, 2) > _ALIKE
+    ]
 
 
 def _evident_by_size(found: Fit, name: str) -> float:

@@ -60,7 +60,8 @@ class Offset(ForceKind):
     """A constant force."""
 
     name = "offset"
-    phrase = "a constant force on {port}"
+    is_constant = True
+    phrase = "a constant push on {port}"
     equation = "F"
     source = _MECHANICS
     parameters = (Parameter("force", _FORCE, starts=(0.1, -0.1)),)
@@ -74,7 +75,7 @@ class Viscous(ForceKind):
     """Friction in proportion to speed."""
 
     name = "viscous-friction"
-    phrase = "friction in proportion to speed that acts on {port}"
+    phrase = "friction, or a leak, in proportion to {port}"
     equation = "−b v"
     source = _ARMSTRONG
     parameters = (Parameter("coefficient", {"force": 1, "speed": -1}),)
@@ -86,6 +87,8 @@ class Viscous(ForceKind):
 
 class DryFriction(Kind):
     """Opposes a motion with its strength, and holds what stands with up to as much."""
+
+    is_dry = True
 
     def strength(self, at: At, p: Parameters) -> FloatArray:
         """The most that it bears, not negative."""
@@ -145,6 +148,7 @@ class Presliding(ForceKind):
     name = "pre-sliding-friction"
     simpler = ("coulomb-friction",)
     is_friction_law = True
+    is_dry = True
     phrase = "dry friction on {port} that gives elastically before it slides"
     equation = "−F z, length z' = v − |v| z"
     source = "Dahl, AIAA Journal 14, 1976"
@@ -175,7 +179,7 @@ class QuadraticDrag(ForceKind):
     """Drag of a fluid."""
 
     name = "quadratic-drag"
-    phrase = "drag of a fluid on {port}"
+    phrase = "drag in proportion to the square of {port}"
     equation = "−k v |v|"
     source = "Batchelor, An Introduction to Fluid Dynamics, 1967"
     parameters = (Parameter("coefficient", {"force": 1, "speed": -2}, low=0.0),)
@@ -294,6 +298,7 @@ class Hysteresis(ForceKind):
 
     name = "hysteresis"
     simpler = ("coulomb-friction", "pre-sliding-friction")
+    is_dry = True
     phrase = "a restoring force on {port} that remembers where the motion turned"
     equation = "−F z, length z' = v − |v| z − shape v |z|"
     source = "Wen, Journal of the Engineering Mechanics Division 102, 1976"

@@ -328,6 +328,7 @@ class Bias(InputKind):
     """The input is off by a constant."""
 
     name = "bias"
+    is_constant = True
     phrase = "a constant offset of {port}"
     equation = "u + bias"
     source = _LJUNG

@@ -101,6 +101,8 @@ class Kind:
     own_states: ClassVar[int] = 0
     simpler: ClassVar[tuple[str, ...]] = ()
     is_friction_law: ClassVar[bool] = False
+    is_dry: ClassVar[bool] = False  # it holds what stands against a small push
+    is_constant: ClassVar[bool] = False  # it is the same whatever moves
     is_delay: ClassVar[bool] = False
     is_gain: ClassVar[bool] = False
     is_slow: ClassVar[bool] = False  # what it acts on takes time to follow

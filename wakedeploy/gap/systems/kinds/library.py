@@ -5,7 +5,7 @@ from: `coupling-from-voltage_v@speed_mps`.
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from wakedeploy.core.errors import UnusableInput
@@ -273,6 +273,23 @@ def force_unit(system: StateSpace, port: Port) -> str:
 def rate_unit(unit: str) -> str:
     """The unit of a rate, from that of its state: m/s² of m/s."""
     return {"m/s": "m/s²", "rad/s": "rad/s²"}.get(unit, f"{unit}/s")
+
+
+def held_by(system: StateSpace, library: Mapping[str, Effect], acting: Sequence[str]) -> list[str]:
+    """Constant effects on the axis of a dry friction that acts: one that small it holds."""
+    axes = [library[name].port for name in acting if library[name].kind.is_dry]
+    return [
+        name
+        for name, effect in library.items()
+        if effect.kind.is_constant and any(_is_on(system, effect.port, axis) for axis in axes)
+    ]
+
+
+def _is_on(system: StateSpace, port: Port, axis: Port) -> bool:
+    """Whether what acts at a port pushes, or shifts, what a force at `axis` does."""
+    alone = system.inputs[0].name if len(system.inputs) == 1 else ""
+    there = {"force": axis.name, "output": axis.position, "input": axis.acts_like or alone}
+    return bool(port.name) and port.name == there.get(port.role)
 
 
 def ports_alike(library: Mapping[str, Effect], name: str) -> list[str]:

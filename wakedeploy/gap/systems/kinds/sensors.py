@@ -85,6 +85,7 @@ class SensorBias(OutputKind):
     """The sensor is off by a constant."""
 
     name = "sensor-bias"
+    is_constant = True
     phrase = "a constant error of the sensor of {port}"
     equation = "y + bias"
     source = _SENSORS

@@ -20,7 +20,7 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Scor
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Leftover
 from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
-from wakedeploy.gap.systems.kinds.library import Effect, offered, ports_alike, rate_unit
+from wakedeploy.gap.systems.kinds.library import Effect, held_by, offered, ports_alike, rate_unit
 from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of, pieces_of
 from wakedeploy.gap.systems.likelihood.clocks import late_by_a_row, late_inputs
@@ -294,6 +294,10 @@ class LogModel(ComparisonDefaults):
     def is_friction_law(self, name: str) -> bool:
         """Whether an effect is a finer law of the friction that a simpler one is."""
         return self.library[name].kind.is_friction_law
+
+    def held_by_friction(self, hypothesis: Hypothesis) -> list[str]:
+        """Constant effects that a dry friction of a hypothesis may hold."""
+        return held_by(self.system, self.library, hypothesis)
 
     def inputs_answered(self, fitted: Fit, name: str) -> float:
         """What inputs do with an effect, as fitted, as a share of what they do without."""

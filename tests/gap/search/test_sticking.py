@@ -1,0 +1,95 @@
+"""What friction holds, and what took the friction's place: a servo that sticks under a weight."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.fits import Fit, own_places
+from wakedeploy.gap.evidence.inference import fit, settled
+from wakedeploy.gap.search.artefacts import Round
+from wakedeploy.gap.search.comparison import theta_from
+from wakedeploy.gap.search.outcome import Named
+from wakedeploy.gap.search.sticking import begun_moving
+from wakedeploy.gap.search.withdrawal import still_needed
+from wakedeploy.gap.systems.checks import checked
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+
+pytestmark = pytest.mark.whole
+
+RATE_HZ, FINE = 50.0, 40
+STIFF, DAMPED, STICKS, WEIGHS = 400.0, 30.0, 18.0, 12.0
+FRICTION, BACKLASH = "coulomb-friction@speed_radps", "backlash@command_rad"
+CONSTANT = {"bias@command_rad", "offset@speed_radps", "sensor-bias@angle_rad"}
+
+
+class Servo(System):
+    rate_hz = RATE_HZ
+    inputs = [Input("command_rad", "rad")]
+    states = {"angle_rad": "rad", "speed_radps": "rad/s"}
+    outputs = [Output("angle_rad", "rad", noise=5e-4)]
+    constants = [Constant("stiff", STIFF, 20.0), Constant("damped", DAMPED, 2.0)]
+    ports = [
+        Port.input("command_rad"),
+        Port.force("speed_radps", position="angle_rad"),
+        Port.output("angle_rad"),
+    ]
+
+    def derivative(self, state, inputs, c):
+        pull = c.stiff * (inputs.command_rad - state.angle_rad) - c.damped * state.speed_radps
+        return {"angle_rad": state.speed_radps, "speed_radps": pull}
+
+
+def _log(weighs: float) -> Recording:
+    """Slow motions and steps; friction takes at most what moves, as it does between steps."""
+    rng, n = np.random.default_rng(1), 1600
+    time_s = np.arange(n) / RATE_HZ
+    steps = rng.uniform(-0.3, 0.3, n // 80).repeat(80)
+    command = np.where(time_s % 16.0 < 8.0, 0.5 * np.sin(1.1 * time_s), steps)
+    angle, speed, shown = command[0], 0.0, []
+    for wanted in command:
+        shown.append(angle)
+        for _ in range(FINE):
+            pull = STIFF * (wanted - angle) - DAMPED * speed + weighs + rng.normal(0.0, 2.0)
+            speed += pull / RATE_HZ / FINE
+            speed = np.sign(speed) * max(abs(speed) - STICKS / RATE_HZ / FINE, 0.0)
+            angle += speed / RATE_HZ / FINE
+    read = np.array(shown) + rng.normal(0.0, 5e-4, n)
+    return Recording("servo", time_s, {"command_rad": command, "angle_rad": read})
+
+
+@functools.cache
+def _fitted(weighs: float, hypothesis: tuple[str, ...]) -> tuple[LogModel, Fit]:
+    """The servo with some effects, each begun at its first usual size."""
+    model = LogModel(checked(Servo()), [_log(weighs)])
+    free = model.free(hypothesis)
+    start = np.array([f.starts[0] if f.starts else f.neutral for f in free])
+    episodes = range(model.episodes)
+    return model, settled(model, fit(model, hypothesis, episodes, start))[0]
+
+
+def test_a_weight_that_friction_bears_is_found_beside_it():
+    model, sticking = _fitted(WEIGHS, (FRICTION,))
+    begun = begun_moving(model, sticking, list(model.effects))
+    assert set(begun) == CONSTANT
+    weight = begun["offset@speed_radps"]
+    assert weight.value("offset@speed_radps.force") == pytest.approx(WEIGHS, rel=0.1)
+    assert weight.value(f"{FRICTION}.force") == pytest.approx(STICKS, rel=0.1)
+    assert not begun_moving(model, sticking, [FRICTION])
+
+
+def test_what_was_named_first_leaves_if_a_later_effect_explains_all_of_it():
+    """Beside a play that took its place a friction is small; without the play it is not."""
+    model, both = _fitted(0.0, (BACKLASH, FRICTION))
+    start = theta_from(model, both.hypothesis, both)
+    start[own_places(both.free, BACKLASH)] = 2.0 * STICKS / STIFF
+    start[own_places(both.free, FRICTION)[0]] = 0.1
+    episodes = both.episodes
+    found = fit(model, both.hypothesis, episodes, start)
+    base = settled(model, fit(model, (), episodes))[0]
+    searched = Round(given=[], threshold_nats=5.0, steady_nats=5.0, ranking=[])
+    left = still_needed(model, Named(model, base, found, [searched])).found
+    assert left.hypothesis == (FRICTION,)
+    assert left.value(f"{FRICTION}.force") == pytest.approx(STICKS, rel=0.1)

@@ -1,0 +1,32 @@
+"""Constant effects beside a dry friction, begun at sizes that it cannot hold.
+
+In: a `Comparison` and a fit that has a friction. Out: fits of such effects. A friction holds a
+small push as if there were none, and a lasting push takes up what is left of it. So at 0 a weight
+promises nothing beside the friction that bears it, and a step that looks no further ends there.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wakedeploy.gap.evidence.fits import Fit, densities, extended, own_places, scores_of
+from wakedeploy.gap.evidence.inference import fit, settled
+from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.first_look import starts_of
+
+
+def begun_moving(model: Comparison, base: Fit, names: Sequence[str]) -> dict[str, Fit]:
+    """Those of the effects that a friction of the base may hold, each climbed to its end."""
+    held = [name for name in model.held_by_friction(base.hypothesis) if name in names]
+    return {name: _climbed(model, base, name) for name in held}
+
+
+def _climbed(model: Comparison, base: Fit, name: str) -> Fit:
+    """The climb from an effect's usual size, to the side on which it is better there."""
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
+    starts = np.array(starts_of(extended(base, free), free, own_places(free, name)))
+    scored = scores_of(model, hypothesis, starts, base.episodes)
+    heights = np.nan_to_num([densities(scores).sum() for scores in scored], nan=-np.inf)
+    best = starts[int(np.argmax(heights))]
+    return settled(model, fit(model, hypothesis, base.episodes, best))[0]
