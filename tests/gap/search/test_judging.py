@@ -1,5 +1,6 @@
 """What is named and what is not: forecasts that run away, parameters of other blocks, leftovers."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -20,6 +21,7 @@ from wakedeploy.gap.search.outcome import (
     ACCEPTED,
     HARDLY,
     OUTDONE,
+    SUPERFLUOUS,
     TRIFLE,
     UNSEEN_WORSE,
     Named,
@@ -546,6 +548,42 @@ def test_a_class_is_narrowed_by_its_own_members_only(settling, rival, left):
     model = SimpleNamespace(sealed=list, simpler_effects=lambda name: ())
     further = rounds._with(model, outcome, best)
     assert (further and further.rivals) == left
+
+
+def test_what_was_judged_beside_a_superfluous_effect_is_judged_again_without_it(monkeypatch):
+    model = Linear({"gain": 0.4, "c": 0.6})
+    base, both, alone = (fit(model, h, range(EPISODES)) for h in ((), ("a", "c"), ("c",)))
+    asked = []
+
+    def ahead(part, outcome, progress, anew):
+        asked.append((outcome.withdrawn, dict(anew)))
+        found = alone if outcome.withdrawn else both
+        ranking = [
+            Ranked(
+                name=n, gain_nats=g, needed_nats=4.0, interval=(1.0, 9.0), parameters={}, note=""
+            )
+            for n, g in (("a", 9.0), ("c", 5.0))
+            if n not in outcome.withdrawn
+        ]
+        outcome.rounds.append(
+            Round(given=[], threshold_nats=4.0, steady_nats=4.0, ranking=ranking, chosen="c")
+        )
+        weight = Weight(0.9, 0.8, 1.0) if outcome.withdrawn else Weight(0.2, 0.1, 0.3)
+        candidates = tuple(Candidate(r.name, found, np.ones(EPISODES)) for r in ranking)
+        weights = dict.fromkeys(found.hypothesis, weight)
+        return replace(outcome, found=found, weights=weights, alone=candidates)
+
+    monkeypatch.setattr(judging, "_ahead", ahead)
+    outcome = judging._needed(model, Named(model, base, base, []), lambda *a: None, {})
+    assert outcome.found.hypothesis == ("c",)
+    assert [withdrawn for withdrawn, _ in asked] == [(), ("a",)]
+    assert asked[1][1]["c"].hypothesis == ("c",)
+    assert outcome.weights == {"c": Weight(0.9, 0.8, 1.0)}
+    assert [(r.name, r.judged) for r in outcome.rounds[0].ranking] == [
+        ("a", SUPERFLUOUS),
+        ("c", ""),
+    ]
+    assert {c.name for c in outcome.alone} == {"a", "c"}
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from wakedeploy.gap.systems.likelihood.logs import LogModel
 pytestmark = pytest.mark.whole
 
 RATE_HZ, FINE = 50.0, 40
-STIFF, DAMPED, STICKS, WEIGHS = 400.0, 30.0, 18.0, 12.0
+STIFF, DAMPED, STICKS, WEIGHS = 400.0, 30.0, 40.0, 36.0
 FRICTION, BACKLASH = "coulomb-friction@speed_radps", "backlash@command_rad"
 CONSTANT = {"bias@command_rad", "offset@speed_radps", "sensor-bias@angle_rad"}
 
@@ -71,13 +71,43 @@ def _fitted(weighs: float, hypothesis: tuple[str, ...]) -> tuple[LogModel, Fit]:
 
 
 def test_a_weight_that_friction_bears_is_found_beside_it():
+    """From nothing no climb gets there: the friction holds a small push."""
     model, sticking = _fitted(WEIGHS, (FRICTION,))
-    begun = begun_moving(model, sticking, list(model.effects))
-    assert set(begun) == CONSTANT
-    weight = begun["offset@speed_radps"]
+    both = (FRICTION, "offset@speed_radps")
+    rested = fit(model, both, sticking.episodes, theta_from(model, both, sticking))
+    assert rested.objective < sticking.objective + 1.0
+    moving = begun_moving(model, sticking, list(model.effects))
+    assert set(moving) == CONSTANT
+    weight = moving["offset@speed_radps"]
+    assert weight.objective > sticking.objective + 100.0
     assert weight.value("offset@speed_radps.force") == pytest.approx(WEIGHS, rel=0.1)
     assert weight.value(f"{FRICTION}.force") == pytest.approx(STICKS, rel=0.1)
     assert not begun_moving(model, sticking, [FRICTION])
+
+
+def test_constant_effects_of_an_axis_are_those_of_its_driver_and_its_sensor():
+    """An encoder under another name, and another input that drives nothing."""
+
+    class Told(Servo):
+        inputs = [Input("command_rad", "rad"), Input("battery_v", "V")]
+        outputs = [Output("encoder_rad", "rad", noise=5e-4), Output("current_a", "A")]
+        ports = [
+            *(Port.input(n) for n in ("command_rad", "battery_v")),
+            Port.force("speed_radps", position="angle_rad"),
+            *(Port.output(n) for n in ("encoder_rad", "current_a")),
+        ]
+
+        def measure(self, state, inputs, c):
+            return {"encoder_rad": state.angle_rad, "current_a": state.speed_radps**2}
+
+    columns = dict(_log(0.0).columns)
+    columns["encoder_rad"] = columns.pop("angle_rad")
+    columns |= {"battery_v": 12.0 + 0.1 * np.sin(_log(0.0).time_s)}
+    columns |= {"current_a": columns["encoder_rad"] ** 2}
+    model = LogModel(checked(Told()), [Recording("told", _log(0.0).time_s, columns)])
+    held = {"bias@command_rad", "offset@speed_radps", "sensor-bias@encoder_rad"}
+    assert set(model.held_by_friction((FRICTION,))) == held
+    assert model.held_by_friction(("viscous-friction@speed_radps",)) == []
 
 
 def test_what_was_named_first_leaves_if_a_later_effect_explains_all_of_it():

@@ -11,12 +11,13 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
-from wakedeploy.gap.systems.checks import _tried, checked
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.imagined import imagined
 from wakedeploy.gap.systems.sensitivity import column_notes
 from wakedeploy.gap.systems.system import Point
+from wakedeploy.gap.systems.trial_points import random_points
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
 
@@ -250,8 +251,8 @@ def test_an_offset_near_zero_may_turn(bounds):
 
 def test_a_constant_is_not_blamed_for_points_at_which_no_value_gives_a_number():
     """A root of a speed gives none below a speed that the first look happens not to reach."""
-    lowest = _tried(_with(), (3, 5))["speed_mps"].min()
-    assert lowest > _tried(_with(), (20,))["speed_mps"].min()
+    lowest = random_points(_with(), (3, 5))["speed_mps"].min()
+    assert lowest > random_points(_with(), (20,))["speed_mps"].min()
 
     def derivative(self, state, inputs, c):
         return {
@@ -373,9 +374,9 @@ class Crane(System):
         return {"sway_rad": state.sway_radps, "sway_radps": swings}
 
 
-def _swung(rope_m):
+def _swung(rope_m, **more):
     time_s = np.arange(200) / 50.0
-    columns = {
+    columns = more | {
         "push_mps2": np.sin(time_s),
         "rope_m": rope_m,
         "sway_rad": 0.1 * np.cos(3.0 * time_s),
@@ -390,25 +391,75 @@ def test_an_input_that_divides_need_not_be_0():
 
 
 def test_a_recording_where_an_input_leaves_the_model_says_so():
+    class Smooth(Crane):
+        """Held or not, the row itself is 0; the wind may be 0, as the sway is not."""
+
+        inputs = [
+            Input("push_mps2", "m/s^2"),
+            Input("rope_m", "m", hold="linear"),
+            Input("wind_mps", "m/s"),
+        ]
+
+        def measure(self, state, inputs, c):
+            return {"sway_rad": state.sway_rad + 1e-9 / abs(state.sway_radps + inputs.wind_mps)}
+
+    wind = {"wind_mps": np.linspace(-1.0, 1.0, 201)[:200]}
     rope_m = np.linspace(0.8, 1.5, 200)
+    assert LogModel(checked(Smooth()), [_swung(rope_m, **wind)]).episodes
     rope_m[77] = 0.0
-    with pytest.raises(
-        UnusableInput, match=r"lift: Crane gives no number.*'sway_radps'.*rope_m = 0,"
-    ):
-        LogModel(checked(Crane()), [_swung(rope_m)])
+    said = r"lift: at 1\.54 s, where .*rope_m = 0, wind.*, Smooth\.derivative gives no number"
+    with pytest.raises(UnusableInput, match=said):
+        LogModel(checked(Smooth()), [_swung(rope_m, **wind)])
+
+    class Shown(Axis):
+        def measure(self, state, inputs, c):
+            return {"position_m": state.position_m / inputs.force_n}
+
+    time_s = np.arange(200) / 100.0
+    columns = {"force_n": np.where(time_s == 0.5, 0.0, 1.0), "position_m": 0.1 * time_s}
+    with pytest.raises(UnusableInput, match=r"force_n = 0, Shown\.measure gives no number"):
+        LogModel(checked(Shown()), [Recording("pushed", time_s, columns)])
+
+
+class Hot(Crane):
+    """Nothing but what is above 273 gives a number."""
+
+    inputs = [Input("push_mps2", "m/s^2"), Input("rope_m", "m", low=300.0)]
+    constants = [Constant("k", 1.0, 0.1)]
+
+    def derivative(self, state, inputs, c):
+        warmth = np.sqrt(inputs.rope_m - 273.0)
+        return {
+            "sway_rad": state.sway_radps,
+            "sway_radps": warmth - inputs.push_mps2 * state.sway_rad / c.k,
+        }
 
 
 def test_an_input_is_tried_within_its_limits():
-    class Hot(Crane):
-        inputs = [Input("push_mps2", "m/s^2"), Input("rope_m", "m", low=300.0)]
+    assert checked(Hot()).uses("sway_radps") == {"rope_m", "push_mps2", "sway_rad"}
+    with pytest.raises(UnusableInput, match=r"gives nan for 'sway_radps'.*state `low` and"):
+        checked(type("Hot", (Hot,), {"inputs": Crane.inputs})())
+    with pytest.raises(UnusableInput, match="gives no number where it is 0"):
+        checked(type("Hot", (Hot,), {"constants": [Constant("k", 1.0, 5.0)]})())
+
+
+def test_laws_and_effects_of_a_user_need_no_number_at_0_either():
+    class Lawful(Crane):
+        inputs = [
+            Input("push_mps2", "m/s^2"),
+            Input("rope_m", "m"),
+            Input("kelvin", "K", law=lambda i: 300.0 + np.log(i.rope_m)),
+        ]
+        ports = [
+            Port.custom(
+                "breeze",
+                lambda t, state, inputs, p: {"sway_radps": p.size / inputs.rope_m},
+                {"size": ("m/s^2", 0.1)},
+            )
+        ]
 
         def derivative(self, state, inputs, c):
-            return {
-                "sway_rad": state.sway_radps,
-                "sway_radps": np.sqrt(inputs.rope_m - 273.0) - inputs.push_mps2,
-            }
+            swings = np.sqrt(inputs.kelvin - 273.0) - state.sway_rad
+            return {"sway_rad": state.sway_radps, "sway_radps": swings}
 
-    assert checked(Hot())
-    Hot.inputs = Crane.inputs
-    with pytest.raises(UnusableInput, match=r"gives nan for 'sway_radps'.*state `low` and"):
-        checked(Hot())
+    assert checked(Lawful()).made_of["kelvin"] == ("rope_m",)

@@ -25,6 +25,7 @@ from wakedeploy.gap.search.outcome import (
     evident_yet_unnamed,
     marked,
     verdict_of,
+    with_superfluous,
 )
 from wakedeploy.gap.search.restarts import begun_anew, bettered
 from wakedeploy.gap.search.rounds import with_one_more
@@ -32,8 +33,6 @@ from wakedeploy.gap.search.scan import NOTHING
 from wakedeploy.gap.search.starting_constants import beginning
 from wakedeploy.gap.search.weighing import crossed, is_outdone, unfitted, unseen, weight_of
 from wakedeploy.gap.search.withdrawal import borne_out, still_needed, with_sizes
-
-_TURNS = 2  # what is left once superfluous effects are gone is searched once more
 
 
 def fitted_base(model: Comparison) -> Fit:
@@ -169,12 +168,8 @@ def _found(
     One effect may fit too well what a few episodes show, and hide another that all episodes bear
     out.
     """
-    part, outcome = searched_on(model), start
-    for _ in range(_TURNS):
-        ahead = _ahead(part, outcome, progress, anew)
-        outcome, anew = still_needed(part, ahead), {}
-        if outcome.found.hypothesis == ahead.found.hypothesis:
-            break
+    part = searched_on(model)
+    outcome = _needed(part, start, progress, anew)
     if part is not model:
         progress("fitting what was found to all samples")
         outcome = _on_all(model, base, outcome)
@@ -185,6 +180,30 @@ def _found(
     start = replace(start, rounds=rounds, alone=alone, withdrawn=withdrawn)
     again = _found(model, base, start, progress, {})
     return again if again.found.hypothesis else outcome
+
+
+def _needed(part: Comparison, start: Named, progress: Progress, anew: Mapping[str, Fit]) -> Named:
+    """What is named and still needed beside what followed it.
+
+    What was judged beside an effect that has left again is judged once more, without it.
+    """
+    ahead = _ahead(part, replace(start, rounds=list(start.rounds)), progress, anew)
+    outcome = still_needed(part, ahead)
+    left = tuple(n for n in ahead.found.hypothesis if n not in outcome.found.hypothesis)
+    if not left or set(left) & set(start.found.hypothesis):
+        return outcome
+    fewer = replace(start, rounds=list(start.rounds), withdrawn=(*start.withdrawn, *left))
+    alone = {n: _fitted_alone(part, outcome.found, n) for n in outcome.found.hypothesis}
+    again = still_needed(part, _ahead(part, fewer, progress, alone))
+    if again.found.objective < outcome.found.objective - RULES.class_nats:
+        return outcome
+    return with_superfluous(again, ahead, left, len(start.rounds))
+
+
+def _fitted_alone(part: Comparison, found: Fit, name: str) -> Fit:
+    """One effect of a fit by itself, begun at its size there."""
+    start = theta_from(part, (name,), found)
+    return settled(part, fit(part, (name,), found.episodes, start))[0]
 
 
 def _ahead(part: Comparison, outcome: Named, progress: Progress, anew: Mapping[str, Fit]) -> Named:

@@ -22,6 +22,7 @@ ONE_BLOCK = "its gain rests on one block"
 WORSE = "forecasts get worse"
 UNSEEN_WORSE = "forecasts of sealed episodes get no better"
 HARDLY = "evident, but forecasts hardly change"
+SUPERFLUOUS = "what was named after it explains all of it"
 REFINES = "it only refines what was found"
 OUTDONE = "forecasts get better, but no better than the last reading or the mean"
 TRIFLE = "a trifle of the gap that there was"
@@ -50,7 +51,7 @@ class Named:
     alone: tuple[Candidate, ...] = ()  # every effect by itself on the base
     is_outdone: bool = False
     is_far_ahead: bool = False
-    withdrawn: tuple[str, ...] = ()  # named once, but not borne out by sealed episodes
+    withdrawn: tuple[str, ...] = ()  # named once, but superfluous or not borne out
 
 
 def verdict_of(outcome: Named) -> str:
@@ -101,3 +102,14 @@ def marked(searched: Round, name: str, why: str) -> Round:
         for entry in searched.ranking
     ]
     return searched.model_copy(update={"ranking": ranking})
+
+
+def with_superfluous(outcome: Named, before: Named, left: tuple[str, ...], first: int) -> Named:
+    """An outcome that tells of effects that had left before it; `first` is its first round."""
+    gone = {e.name: e for r in before.rounds for e in r.ranking if e.name in left}
+    told = [e.model_copy(update={"judged": SUPERFLUOUS}) for e in gone.values()]
+    begun = outcome.rounds[first]
+    ranking = sorted([*begun.ranking, *told], key=lambda e: -e.gain_nats)
+    outcome.rounds[first] = begun.model_copy(update={"ranking": ranking})
+    alone = tuple(c for c in before.alone if c.name in left)
+    return replace(outcome, alone=(*outcome.alone, *alone))

@@ -1,8 +1,8 @@
-"""Constant effects beside a dry friction, begun at sizes that it cannot hold.
+"""Constant effects beside a dry friction, begun away from 0.
 
 In: a `Comparison` and a fit that has a friction. Out: fits of such effects. A friction holds a
-small push as if there were none, and a lasting push takes up what is left of it. So at 0 a weight
-promises nothing beside the friction that bears it, and a step that looks no further ends there.
+small push as if there were none, and a lasting push takes up what is left of it. So a weight may
+promise nothing at 0 beside the friction that bears it, and a climb from there ends where it began.
 """
 
 from collections.abc import Sequence

@@ -13,7 +13,7 @@ from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.climbing import height
+from wakedeploy.gap.search.climbing import begun, height, raced
 from wakedeploy.gap.search.comparison import Comparison, theta_from
 from wakedeploy.gap.search.first_look import starts_of
 from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
@@ -41,7 +41,7 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
         alike = _alike(found, name)
         if not alike and _evident_by_size(found, name) > RULES.plain_times * chance.nats:
             continue
-        without = _without(model, found, name, alike)
+        without = _best_without(model, outcome.base, found, name, alike)
         again = candidate(without, name, found, model)
         needed = needed_nats(again, chance, tried)
         if again.gains.sum() <= needed or not is_shared(again, needed):
@@ -88,30 +88,37 @@ def borne_out(model: Comparison, outcome: Named) -> Named:
     return left_of(outcome, found)
 
 
-def _without(model: Comparison, found: Fit, name: str, anew: Sequence[str] = ()) -> Fit:
-    """The best fit without this effect; effects `anew` begin at their usual sizes, too."""
+def _without(model: Comparison, found: Fit, name: str) -> Fit:
+    """A fit without this effect."""
     rest = tuple(n for n in found.hypothesis if n != name)
-    free, start = model.free(rest), theta_from(model, rest, found)
-    starts = [start]
-    for other in anew:
-        starts += starts_of(start, free, own_places(free, other))
-    fits = [fit(model, rest, found.episodes, theta) for theta in starts]
-    return settled(model, max(fits, key=height))[0]
+    start = theta_from(model, rest, found)
+    return settled(model, fit(model, rest, found.episodes, start))[0]
+
+
+def _best_without(model: Comparison, base: Fit, found: Fit, name: str, anew: Sequence[str]) -> Fit:
+    """The best fit without this effect, if effects `anew` begin at their usual sizes, too."""
+    without = _without(model, found, name)
+    starts = [
+        begun(model, without.hypothesis, without, theta)
+        for other in anew
+        for theta in starts_of(without.theta, without.free, own_places(without.free, other))
+    ]
+    if not starts:
+        return without
+    best = max(raced(model, base, starts), key=height)
+    best = fit(model, best.hypothesis, best.episodes, best.theta)
+    return max(without, settled(model, best)[0], key=height)
 
 
 def _alike(found: Fit, name: str) -> list[str]:
-    """The later effects that change outputs as this one does, as far as a fit's slopes say."""
+    """The later effects that change outputs as this one does, constants included.
+
+    Beyond what constants of unlimited spread can do, even play and friction look little alike.
+    """
     columns = np.concatenate(whitened(found.slopes))
-    mine, *others = (
-        np.linalg.qr(columns[:, own_places(found.free, n)])[0]
-        for n in found.hypothesis[found.hypothesis.index(name) :]
-    )
-    names = found.hypothesis[found.hypothesis.index(name) + 1 :]
-    return [
-        n
-        for n, theirs in zip(names, others, strict=True)
-        if np.linalg.norm(mine.T @ theirs, 2) > _ALIKE
-    ]
+    bases = {n: np.linalg.qr(columns[:, own_places(found.free, n)])[0] for n in found.hypothesis}
+    later = found.hypothesis[found.hypothesis.index(name) + 1 :]
+    return [n for n in later if np.linalg.norm(bases[name].T @ bases[n], 2) > _ALIKE]
 
 
 def _evident_by_size(found: Fit, name: str) -> float:

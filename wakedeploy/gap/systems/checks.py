@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import SHOWN_ALONE, is_known, same_unit
@@ -26,6 +25,14 @@ from wakedeploy.gap.systems.system import (
     Point,
     Port,
     StateSpace,
+)
+from wakedeploy.gap.systems.trial_points import (
+    at,
+    bearable,
+    function_name,
+    is_number,
+    limits_of,
+    random_points,
 )
 
 _System = TypeVar("_System", bound=StateSpace)
@@ -81,30 +88,13 @@ def _unborne(system: _System, c: Constant) -> str:
         if c.name in (port.inertia, port.friction):
             what = "inertia" if c.name == port.inertia else "friction"
             return f"it is the {what} of the port {port.name!r}"
-    tried = _tried(system, (_POINTS,))
+    tried = bearable(system, random_points(system, (_POINTS,)))
     for method in (system.rates, system.readings):
-        usual = _is_number(system, method, tried, {})
+        usual = is_number(system, method, tried, {})
         for value in (0.0, *c.bounds):
-            if np.any(usual & ~_is_number(system, method, tried, {c.name: value})):
-                return f"{_method(system, method)} gives no number where it is {value:.3g}"
+            if np.any(usual & ~is_number(system, method, tried, {c.name: value})):
+                return f"{function_name(system, method)} gives no number where it is {value:.3g}"
     return ""
-
-
-def _is_number(
-    system: StateSpace,
-    method: Method,
-    tried: Mapping[str, FloatArray],
-    constants: Mapping[str, float],
-) -> NDArray[np.bool_]:
-    """At which of the points (...) a function gives finite numbers; nowhere if it fails."""
-    shape = next(iter(tried.values())).shape
-    try:
-        with np.errstate(all="ignore"):
-            given = _at(system, method, tried, constants)
-            finite = [np.broadcast_to(np.isfinite(value), shape) for value in given.values()]
-    except (UnusableInput, ValueError):  # what the function itself raises there; wrong shapes
-        return np.zeros(shape, dtype=bool)
-    return np.asarray(np.logical_and.reduce(finite))
 
 
 def _check_statements(system: StateSpace) -> None:
@@ -328,15 +318,15 @@ def _check_sizes(system: StateSpace, port: Port) -> None:
 def _check_functions(system: StateSpace) -> None:
     """One point, then a batch of the same points: both have to give the same numbers."""
     shape = (3, 5)
-    tried = _tried(system, shape)
+    tried = random_points(system, shape)
     tried = {n: np.where(np.arange(15).reshape(shape) == 0, 0.0, v) for n, v in tried.items()}
-    tried = _bearable(system, tried)
+    tried = bearable(system, tried)
     for stated in system.inputs:
         if stated.law is not None:
             _check_made(system, stated, {i.name: tried[i.name] for i in system.logged})
     for method in (system.rates, system.readings):
-        evaluate = functools.partial(_at, system, method, constants={})
-        _check_points(_method(system, method), evaluate, tried)
+        evaluate = functools.partial(at, system, method, constants={})
+        _check_points(function_name(system, method), evaluate, tried)
     state = Point("state", {n: tried[n] for n in system.states})
     inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
     if hasattr(system, "derivative_under") and not system.has_step:
@@ -347,21 +337,6 @@ def _check_functions(system: StateSpace) -> None:
     for port in system.ports:
         if port.function is not None:
             _check_custom(system, port, state, inputs, shape)
-
-
-def _bearable(system: StateSpace, tried: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """The points within the inputs' limits; with positive inputs if only these give numbers.
-
-    States go wherever a search takes them, but inputs are what a log says, and no rope is 0 m long.
-    """
-    limits = {i.name: _limits(i) for i in system.inputs}
-    within = {n: np.clip(tried[n], *ends) for n, ends in limits.items()}
-    positive = {n: np.clip(0.5 + np.abs(tried[n]), *ends) for n, ends in limits.items()}
-    for inputs in (within, positive):
-        points = tried | inputs
-        if all(_is_number(system, m, points, {}).all() for m in (system.rates, system.readings)):
-            return points
-    return tried | within
 
 
 def _check_made(system: StateSpace, stated: Input, logged: dict[str, FloatArray]) -> None:
@@ -430,24 +405,11 @@ def _check_like(system: StateSpace, port: Port) -> None:
 
 def _of_every_size(stated: Input, rng: np.random.Generator) -> FloatArray:
     """An input (N,) of either sign and every size, within its limits."""
-    low, high = _limits(stated)
+    low, high = limits_of(stated)
     if math.isfinite(high - low):
         return np.asarray(rng.uniform(low, high, _POINTS))
     values = rng.choice([-1.0, 1.0], _POINTS) * np.geomspace(1e-3, 1e3, _POINTS)
     return np.asarray(np.clip(values, low, high))
-
-
-def _limits(stated: Input) -> tuple[float, float]:
-    """An input's limits, infinite where it states none."""
-    low = -math.inf if stated.low is None else stated.low
-    return low, math.inf if stated.high is None else stated.high
-
-
-def _tried(system: StateSpace, shape: tuple[int, ...]) -> dict[str, FloatArray]:
-    """States and inputs at random."""
-    rng = np.random.default_rng(0)
-    names = (*system.states, *(i.name for i in system.inputs))
-    return {n: rng.standard_normal(shape) * 0.5 for n in names}
 
 
 def _check_custom(
@@ -494,20 +456,9 @@ def _evaluated(
             raise UnusableInput(
                 f"{where} gives {result[name][at]} for {name!r} at {point}; a search tries such "
                 "points, so bound what goes into it (np.maximum, np.clip), or state `low` and "
-                "`high` of an input that is never there."
+                "`high` of an input that never takes such values."
             )
     return result
-
-
-def _at(
-    system: StateSpace,
-    method: Method,
-    tried: Mapping[str, FloatArray],
-    constants: Mapping[str, float],
-) -> dict[str, Any]:
-    state = Point("state", {n: tried[n] for n in system.states})
-    inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
-    return method(state, inputs, system.values(constants))
 
 
 def _shape(value: Any) -> tuple[int, ...] | None:
@@ -520,11 +471,6 @@ def _shape(value: Any) -> tuple[int, ...] | None:
 
 def _shape_in_words(shape: tuple[int, ...] | None) -> str:
     return "parts of several shapes" if shape is None else f"the shape {shape}"
-
-
-def _method(system: StateSpace, method: Callable[..., Any]) -> str:
-    dynamics = "step" if system.has_step else "derivative"
-    return f"{system.name}.{'measure' if method == system.readings else dynamics}"
 
 
 def _names(stated: Sequence[Input] | Sequence[Output] | Sequence[Constant]) -> tuple[str, ...]:

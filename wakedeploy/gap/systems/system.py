@@ -18,6 +18,7 @@ import numpy.typing as npt
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import unit_at_end, unit_of
 from wakedeploy.gap.systems.calls import called, complete
+from wakedeploy.gap.systems.trial_points import bearable, limits_of
 
 if TYPE_CHECKING:
     from wakedeploy.gap.search.artefacts import Answer
@@ -39,12 +40,12 @@ class Input:
     controller does; "linear" goes straight to the next, as a sampled signal does;
     "bandlimited" is for one that was filtered before it was sampled, as by most recorders. `unit`
     is one of the project's, "" for none; a log's column (T,) is converted to it. `low` and `high`
-    are limits that `gap plan` keeps to, without them those of the logs; beyond them the model need
-    not give numbers. With `is_commanded=False` nobody can command it, as a battery's voltage that
-    is measured: `gap plan` leaves it at its logged mean. `delay_s` is by how much later than its
-    row it acts, as far as that is known; until then a log's first value does. A name or a unit that
-    is not known, limits in the wrong order and a delay below 0 raise UnusableInput when the system
-    is loaded.
+    are limits that `gap plan` keeps to, without them those of the logs; the model need not give
+    numbers beyond them. With `is_commanded=False` nobody can command it, as a battery's voltage
+    that is measured: `gap plan` leaves it at its logged mean. `delay_s` is by how much later than
+    its row it acts, as far as that is known; until then a log's first value does. A name or a unit
+    that is not known, limits in the wrong order and a delay below 0 raise UnusableInput when the
+    system is loaded.
 
     `law(inputs)` computes the input, in `unit`, from the logged ones: a thrust that goes with the
     square of a pulse. These are numbers or arrays of one shape, which it returns and does not write
@@ -481,7 +482,9 @@ class StateSpace:
         """The inputs and states that a state's derivative itself reads."""
         tried, rates = self._probed()
         return {
-            name for name in tried if not np.array_equal(self._probed(name)[1][state], rates[state])
+            name
+            for name in tried
+            if not np.array_equal(self._probed(name)[1][state], rates[state], equal_nan=True)
         }
 
     def reached_from(self, state: str) -> set[str]:
@@ -498,7 +501,9 @@ class StateSpace:
         found = set[str]()
         for stated in self.inputs:
             shown = [self._shown(self._probed(moved)[0]) for moved in ("", stated.name)]
-            found |= {n for n, v in shown[0].items() if not np.array_equal(v, shown[1][n])}
+            found |= {
+                n for n, v in shown[0].items() if not np.array_equal(v, shown[1][n], equal_nan=True)
+            }
         return found
 
     def _shown(self, tried: Mapping[str, FloatArray]) -> dict[str, Any]:
@@ -533,18 +538,26 @@ class StateSpace:
 
         Those that are `far` have either sign, and constants another value.
         """
-        rng = np.random.default_rng(1)
-        names = (*self.states, *(i.name for i in self.inputs))
-        low, high = (-1e6, 1e6) if far else (0.1, 1.0)
-        tried = {n: rng.uniform(low, high, 20) for n in names}
+        tried = self._random(-1e6, 1e6) if far else dict(self._ordinary)
         constants = {c.name: 1.1 * c.value + 0.01 for c in self.constants} if far else {}
         if moved:
-            tried[moved] = tried[moved] + 0.5
+            ends = {i.name: limits_of(i) for i in self.inputs}.get(moved, (-math.inf, math.inf))
+            tried[moved] = np.clip(tried[moved] + 0.5, *ends)
         state = Point("state", {n: tried[n] for n in self.states})
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         with np.errstate(all="ignore"):
             rates = self.rates(state, inputs, self.values(constants))
         return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in rates.items()}
+
+    @functools.cached_property
+    def _ordinary(self) -> dict[str, FloatArray]:
+        """Random states and inputs (20,) below 1, or of a size that the system bears."""
+        return bearable(self, self._random(0.1, 1.0))
+
+    def _random(self, low: float, high: float) -> dict[str, FloatArray]:
+        rng = np.random.default_rng(1)
+        names = (*self.states, *(i.name for i in self.inputs))
+        return {n: rng.uniform(low, high, 20) for n in names}
 
     def rates(
         self, state: Point, inputs: Point, c: Point, forces: Mapping[str, Any] | None = None

@@ -467,8 +467,8 @@ def wrong(law, **stated):
     [
         (wrong(lambda i: i.rudder_rad), r"'rudder_rad' is not there; there are: pulse_us"),
         (
-            wrong(lambda i: np.sqrt(i.pulse_us)),
-            r"law of 'square_us2' gives nan for 'square_us2' at pulse_us = -",
+            wrong(lambda i: np.sqrt(-1.0 - i.pulse_us**2)),
+            r"law of 'square_us2' gives nan for 'square_us2' at pulse_us = ",
         ),
         (wrong(lambda i: 3.0), r"law of 'square_us2' depends on no logged input"),
         (wrong(lambda i: np.mean(i.pulse_us)), r"another 'square_us2' for one point"),

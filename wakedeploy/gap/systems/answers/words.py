@@ -17,7 +17,7 @@ from wakedeploy.gap.search.artefacts import (
     Result,
     Size,
 )
-from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, OUTDONE, UNSEEN_WORSE
+from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, OUTDONE, SUPERFLUOUS, UNSEEN_WORSE
 from wakedeploy.gap.systems.answers.advice import more_than_named, over, rest_words, unknown_step
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words, told_otherwise
 from wakedeploy.gap.systems.answers.certainty import certainty, nearest
@@ -311,7 +311,9 @@ def _rejected(answer: Answer) -> list[str]:
         if effect.judged not in ("", ACCEPTED, CHANCE)
     }
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)
-    taken_out = {e.name: e.judged for e in ranked if e.judged in (UNSEEN_WORSE, OUTDONE)}
+    taken_out = {
+        e.name: e.judged for e in ranked if e.judged in (UNSEEN_WORSE, OUTDONE, SUPERFLUOUS)
+    }
     judged |= taken_out
     told = named | set(answer.rivals)
     return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in told]

@@ -286,10 +286,15 @@ def held_by(system: StateSpace, library: Mapping[str, Effect], acting: Sequence[
 
 
 def _is_on(system: StateSpace, port: Port, axis: Port) -> bool:
-    """Whether what acts at a port pushes, or shifts, what a force at `axis` does."""
-    alone = system.inputs[0].name if len(system.inputs) == 1 else ""
-    there = {"force": axis.name, "output": axis.position, "input": axis.acts_like or alone}
-    return bool(port.name) and port.name == there.get(port.role)
+    """Whether a port is that of a force on the axis, of its only driver, or of its sensor."""
+    if port.role == "output":
+        return bool(axis.position) and system.shown_states().get(port.name) == axis.position
+    drivers = (
+        {axis.acts_like}
+        if axis.like
+        else system.drivers(axis.name) & {i.name for i in system.logged}
+    )
+    return port.name == axis.name or (port.role == "input" and drivers == {port.name})
 
 
 def ports_alike(library: Mapping[str, Effect], name: str) -> list[str]:

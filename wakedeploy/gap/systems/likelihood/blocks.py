@@ -17,7 +17,8 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.kinds.inputs import shifted
 from wakedeploy.gap.systems.likelihood.between_samples import between
-from wakedeploy.gap.systems.system import Input, Point, StateSpace
+from wakedeploy.gap.systems.system import Input, StateSpace
+from wakedeploy.gap.systems.trial_points import function_name, is_number, random_points
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -27,6 +28,7 @@ _PIECE, _WARM = 600, 60  # samples scored in a piece, and before it
 _MOST_MISSING = 0.05
 _RATE_TOLERANCE = 0.01
 _WITHIN = 8  # parts of a sample, in which inputs are followed
+_STATES = 15  # at which a model is tried with what inputs were
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +99,7 @@ def _log(system: StateSpace, recording: Recording) -> Log:
         system, {i.name: _driving(system, i, row, every) for i, row in logged.items()}
     )
     _check_laws(system, recording, driving)
-    _check_rates(system, recording, driving)
+    _check_numbers(system, recording, {i.name: row for i, row in logged.items()})
     means = {
         i.name: shifted(row, i.delay_s * recording.rate_hz).reshape(n, every).mean(1)
         for i, row in logged.items()
@@ -201,32 +203,30 @@ def _input(recording: Recording, stated: Input) -> FloatArray:
     return np.asarray(column[last])
 
 
-def _check_rates(system: StateSpace, recording: Recording, driving: FloatArray) -> None:
+def _check_numbers(
+    system: StateSpace, recording: Recording, logged: Mapping[str, FloatArray]
+) -> None:
     """Check that a model gives numbers where an input is smallest, largest and nearest to 0.
 
-    With states at 0, as any search tries them.
+    With some states, that is: what fails with all that are tried fails because of the inputs.
     """
-    if not len(driving):
-        return
-    ends = [place(row) for row in driving for place in (np.argmin, np.argmax, _nearest_to_0)]
-    places = np.unique(ends)
-    state = Point("state", {n: np.zeros(len(places)) for n in system.states})
-    names = [i.name for i in system.inputs]
-    inputs = Point("input", dict(zip(names, driving[:, places], strict=True)))
-    with np.errstate(all="ignore"):
-        rates = system.rates(state, inputs, system.values())
-    for name, values in rates.items():
-        finite = np.broadcast_to(np.isfinite(values), len(places))
-        if not finite.all():
-            at = places[int(np.argmin(finite))]
-            of = ", ".join(f"{n} = {driving[k, at]:.4g}" for k, n in enumerate(names))
-            raise UnusableInput(
-                f"{recording.name}: {system.name} gives no number for the rate of {name!r} at "
-                f"{of}, which this recording has; bound what goes into it (np.maximum, np.clip)."
-            )
+    rows = {**logged, **{i.name: system.made(i, logged) for i in system.inputs if i.law}}
+    tried = random_points(system, (_STATES,))
+    for place in {int(f(row)) for row in rows.values() for f in (np.argmin, np.argmax, _nearest)}:
+        there = tried | {n: np.full(_STATES, row[place]) for n, row in rows.items()}
+        for method in (system.rates, system.readings):
+            if not is_number(system, method, there, {}).any():
+                of = ", ".join(f"{n} = {rows[n][place]:.4g}" for n in logged)
+                raise UnusableInput(
+                    f"{recording.name}: at {recording.time_s[place]:.6g} s, where {of}, "
+                    f"{function_name(system, method)} gives no number, whatever the states are. If "
+                    "a reading failed there, leave it empty, or cut the log; else "
+                    "bound what goes into it (np.maximum, np.clip)."
+                )
 
 
-def _nearest_to_0(row: FloatArray) -> np.intp:
+def _nearest(row: FloatArray) -> np.intp:
+    """Where a row is nearest to 0."""
     return np.argmin(np.abs(row))
 
 
