@@ -23,7 +23,7 @@ from wakedeploy.gap.search.size_bounds import profiled
 from wakedeploy.gap.search.sizes import joined_sizes
 from wakedeploy.gap.search.weighing import helps
 
-_ALIKE = 0.3  # cosine of what two effects change
+_ALIKE = 0.2  # cosine of what two effects change
 
 
 def still_needed(model: Comparison, outcome: Named) -> Named:
@@ -96,12 +96,16 @@ def _without(model: Comparison, found: Fit, name: str) -> Fit:
 
 
 def _best_without(model: Comparison, base: Fit, found: Fit, name: str, anew: Sequence[str]) -> Fit:
-    """The best fit without this effect, if effects `anew` begin at their usual sizes, too."""
+    """The best fit without this effect, if effects `anew` begin at their usual sizes, too.
+
+    They begin with constants and noise as they are beside the effect: without it, these bend first.
+    """
     without = _without(model, found, name)
+    origin = theta_from(model, without.hypothesis, found)
     starts = [
         begun(model, without.hypothesis, without, theta)
         for other in anew
-        for theta in starts_of(without.theta, without.free, own_places(without.free, other))
+        for theta in starts_of(origin, without.free, own_places(without.free, other))
     ]
     if not starts:
         return without
