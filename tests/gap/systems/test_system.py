@@ -443,6 +443,21 @@ def test_an_input_is_tried_within_its_limits():
         checked(type("Hot", (Hot,), {"constants": [Constant("k", 1.0, 5.0)]})())
 
 
+@pytest.mark.parametrize("limit", [0.05, 0.4, 0.8, 30.0])
+def test_an_input_of_narrow_limits_drives_what_it_drives(limit):
+    class Ship(Axis):
+        inputs = [Input("force_n", "N", low=-limit, high=limit)]
+        outputs = [Output("position_m", "m"), Output("felt_n", "N")]
+
+        def measure(self, state, inputs, c):
+            return {"felt_n": inputs.force_n}
+
+    ship = checked(Ship())
+    assert ship.drivers("speed_mps") == {"force_n"}
+    assert ship.direct_outputs == {"felt_n"}
+    assert ship.kinematic() == {"position_m": "speed_mps"}
+
+
 def test_laws_and_effects_of_a_user_need_no_number_at_0_either():
     class Lawful(Crane):
         inputs = [

@@ -29,6 +29,7 @@ Law = Callable[["Point"], Any]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
 
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
+_ANYWHERE = (-math.inf, math.inf)
 _SIZES, _POINTS = 10.0 ** np.arange(-1, 7), 20  # of inputs at which a law is tried, and how many
 
 
@@ -541,8 +542,10 @@ class StateSpace:
         tried = self._random(-1e6, 1e6) if far else dict(self._ordinary)
         constants = {c.name: 1.1 * c.value + 0.01 for c in self.constants} if far else {}
         if moved:
-            ends = {i.name: limits_of(i) for i in self.inputs}.get(moved, (-math.inf, math.inf))
-            tried[moved] = np.clip(tried[moved] + 0.5, *ends)
+            low, high = {i.name: limits_of(i) for i in self.inputs}.get(moved, _ANYWHERE)
+            far_off = min(0.5, 0.5 * (high - low))
+            there = tried[moved]
+            tried[moved] = there + np.where(there + far_off <= high, far_off, -far_off)
         state = Point("state", {n: tried[n] for n in self.states})
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         with np.errstate(all="ignore"):
