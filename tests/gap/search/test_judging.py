@@ -550,14 +550,19 @@ def test_a_class_is_narrowed_by_its_own_members_only(settling, rival, left):
     assert (further and further.rivals) == left
 
 
-def test_what_was_judged_beside_a_superfluous_effect_is_judged_again_without_it(monkeypatch):
+@pytest.mark.parametrize("comes_as_far", [True, False])
+def test_what_was_judged_beside_a_superfluous_effect_is_judged_again_without_it(
+    monkeypatch, comes_as_far
+):
+    """If that search explains less, the first one's names stay; each is weighed again, too."""
     model = Linear({"gain": 0.4, "c": 0.6})
     base, both, alone = (fit(model, h, range(EPISODES)) for h in ((), ("a", "c"), ("c",)))
-    asked = []
+    asked, beside = [], Weight(0.2, 0.1, 0.3)
 
-    def ahead(part, outcome, progress, anew):
-        asked.append((outcome.withdrawn, dict(anew)))
-        found = alone if outcome.withdrawn else both
+    def ahead(part, outcome, progress, anew, earlier=None):
+        asked.append((outcome.withdrawn, earlier))
+        again = bool(outcome.withdrawn)
+        found = both if not again else alone if comes_as_far else base
         ranking = [
             Ranked(
                 name=n, gain_nats=g, needed_nats=4.0, interval=(1.0, 9.0), parameters={}, note=""
@@ -568,22 +573,41 @@ def test_what_was_judged_beside_a_superfluous_effect_is_judged_again_without_it(
         outcome.rounds.append(
             Round(given=[], threshold_nats=4.0, steady_nats=4.0, ranking=ranking, chosen="c")
         )
-        weight = Weight(0.9, 0.8, 1.0) if outcome.withdrawn else Weight(0.2, 0.1, 0.3)
         candidates = tuple(Candidate(r.name, found, np.ones(EPISODES)) for r in ranking)
-        weights = dict.fromkeys(found.hypothesis, weight)
+        weights = dict.fromkeys(found.hypothesis, Weight(0.9, 0.8, 1.0) if again else beside)
         return replace(outcome, found=found, weights=weights, alone=candidates)
 
+    squares = {(): np.ones((9, 1)), ("c",): np.full((9, 1), 0.3)}
+    monkeypatch.setattr(judging, "crossed", lambda model, fitted: squares[fitted.hypothesis])
     monkeypatch.setattr(judging, "_ahead", ahead)
     outcome = judging._needed(model, Named(model, base, base, []), lambda *a: None, {})
     assert outcome.found.hypothesis == ("c",)
     assert [withdrawn for withdrawn, _ in asked] == [(), ("a",)]
-    assert asked[1][1]["c"].hypothesis == ("c",)
-    assert outcome.weights == {"c": Weight(0.9, 0.8, 1.0)}
+    assert asked[0][1] is None
+    assert asked[1][1].hypothesis == ("c",)
+    assert outcome.weights["c"].share == pytest.approx(0.9 if comes_as_far else 0.7)
     assert [(r.name, r.judged) for r in outcome.rounds[0].ranking] == [
         ("a", SUPERFLUOUS),
         ("c", ""),
     ]
     assert {c.name for c in outcome.alone} == {"a", "c"}
+
+
+def test_an_earlier_search_shows_the_next_one_where_its_effects_ended(monkeypatch):
+    model = Linear({"a": 0.6, "c": 0.4})
+    base, both = (fit(model, h, range(EPISODES)) for h in ((), ("a", "c")))
+    begun = []
+
+    def one_more(part, outcome, progress, anew):
+        begun.append({n: f.hypothesis for n, f in anew.items()})
+        named = outcome.found.hypothesis
+        return None if not anew else replace(outcome, found=anew["ac"[len(named)]])
+
+    monkeypatch.setattr(judging, "with_one_more", one_more)
+    start = Named(model, base, base, [])
+    outcome = judging._ahead(model, start, lambda *a: None, {}, both)
+    assert begun == [{"a": ("a",), "c": ("c",)}, {"c": ("a", "c")}, {}]
+    assert outcome.found.objective == pytest.approx(both.objective, abs=0.1)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from wakedeploy.gap.evidence.fits import Fit, own_places
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.search.artefacts import Round
 from wakedeploy.gap.search.comparison import theta_from
+from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.outcome import Named
 from wakedeploy.gap.search.sticking import begun_moving
 from wakedeploy.gap.search.withdrawal import still_needed
@@ -83,6 +84,21 @@ def test_a_weight_that_friction_bears_is_found_beside_it():
     assert weight.value("offset@speed_radps.force") == pytest.approx(WEIGHS, rel=0.1)
     assert weight.value(f"{FRICTION}.force") == pytest.approx(STICKS, rel=0.1)
     assert not begun_moving(model, sticking, [FRICTION])
+
+
+def test_an_effect_begins_where_it_does_what_the_best_one_does():
+    """A weight of a size that is not usual, beside a bias of the command that does as much."""
+    model, sticking = _fitted(WEIGHS, (FRICTION,))
+    weight, bias = "offset@speed_radps", "bias@command_rad"
+    fits = {}
+    for name, size in ((weight, 0.0), (bias, WEIGHS / STIFF)):
+        start = theta_from(model, (FRICTION, name), sticking)
+        start[own_places(model.free((FRICTION, name)), name)] = size
+        fits[name] = fit(model, (FRICTION, name), sticking.episodes, start)
+    assert fits[weight].objective < fits[bias].objective - 100.0
+    moved = imitated(model, sticking, fits)[weight]
+    assert moved.objective > fits[bias].objective - 5.0
+    assert moved.value(f"{weight}.force") == pytest.approx(WEIGHS, rel=0.1)
 
 
 def test_constant_effects_of_an_axis_are_those_of_its_driver_and_its_sensor():

@@ -116,7 +116,7 @@ class _Plan:
         origin = extended(base, free)
         starts = starts_of(origin, free, places)
         seeds = _seeds(starts, origin, amplitudes)
-        moved = [(i, *_aside(seed, free, i)) for seed in seeds for i in amplitudes]
+        moved = [(i, *aside(seed, free, i)) for seed in seeds for i in amplitudes]
         return cls(name, free, amplitudes, seeds, moved, starts)
 
     @property
@@ -258,7 +258,8 @@ def starts_of(origin: FloatArray, free: Sequence[Free], places: Sequence[int]) -
     return starts
 
 
-def _aside(theta: FloatArray, free: Sequence[Free], i: int) -> tuple[FloatArray, float]:
+def aside(theta: FloatArray, free: Sequence[Free], i: int) -> tuple[FloatArray, float]:
+    """A point with one parameter moved by its step, within its bounds, and that step."""
     size = free[i].step if theta[i] + free[i].step <= free[i].high else -free[i].step
     moved = theta.copy()
     moved[i] += size

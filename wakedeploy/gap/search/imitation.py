@@ -2,31 +2,36 @@
 
 In: a base and a fit of each candidate on top of it. Out: better fits of those that come near the
 best one with its noise and constants. Where constants have bent to an effect that the base lacks,
-the way from the base leads through fits that are worse than both.
+the way from the base leads through fits that are worse than both. A candidate begins there at its
+usual sizes, and at the size at which it changes outputs most nearly as the best one does.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import (
-    NO_SLOPES,
     Fit,
     FloatArray,
     Free,
+    Slopes,
+    bounds_of,
     densities,
     extended,
-    log_prior,
     own_places,
+    scores_of,
 )
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.climbing import raced
+from wakedeploy.gap.search.climbing import height, raced
 from wakedeploy.gap.search.comparison import Comparison
-from wakedeploy.gap.search.first_look import starts_of, together
+from wakedeploy.gap.search.first_look import aside, starts_of, together
 
 _NEAR = 0.3  # share of the best one's gain that another must reach there to be fitted
 _MOST = 4  # that are fitted from there
 _LEADERS = 3  # the most candidates from whose ends others are tried
+_SIZED = 3  # times that a candidate is sized
+_MOSTLY = 0.1  # share that may be left of what the best one does
 _DELAYS = (0.5, 1.0)  # of the best one's: two lags in series are each half as long
 
 
@@ -63,20 +68,77 @@ def _imitating(
 
 
 def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dict[str, Fit]:
-    """The best start of each candidate with the noise and constants of the best fit."""
-    points, frees = {}, {}
-    for name in names:
-        frees[name] = model.free((*base.hypothesis, name))
-        points[name] = _points(best, frees[name], name)
-    begun = {}
+    """The best start of each candidate with the noise and constants of the best fit.
+
+    One whose size already does most of what the best one does is sized further: where noise is
+    small, a tenth more or less costs more than nothing at all.
+    """
+    points = {n: _points(best, model.free((*base.hypothesis, n)), n) for n in names}
+    at = {n: max(fits, key=height) for n, fits in _placed(model, base, best, points)}
+    highest, least = dict(at), _MOSTLY * _apart(_absent(model, base, best), best)
+    for _ in range(_SIZED):
+        places = {n: own_places(f.free, n) for n, f in at.items()}
+        moved = {n: [aside(f.theta, f.free, i)[0] for i in places[n]] for n, f in at.items()}
+        sized = {
+            n: [_as_far(best, at[n], beside, places[n])]
+            for n, beside in _placed(model, base, best, moved)
+        }
+        at = {n: fits[0] for n, fits in _placed(model, base, best, sized)}
+        highest |= {n: max(highest[n], f, key=height) for n, f in at.items()}
+        at = {n: f for n, f in at.items() if _apart(f, best) < least}
+    return highest
+
+
+def _absent(model: Comparison, base: Fit, best: Fit) -> Fit:
+    """The best fit's constants and noise without the effect that it added."""
+    theta = extended(best, base.free)
+    scores = scores_of(model, base.hypothesis, np.array([theta]), base.episodes)[0]
+    return replace(base, theta=theta, slopes=Slopes(scores, (), ()))
+
+
+def _placed(
+    model: Comparison, base: Fit, best: Fit, points: Mapping[str, Sequence[FloatArray]]
+) -> Iterator[tuple[str, list[Fit]]]:
+    """Every candidate at its points, scored and without derivatives."""
     for name, scores in together(model, base, best, points):
-        density = [densities(each) for each in scores]
-        objectives = [float(d.sum()) + log_prior(frees[name], theta)
-                for d, theta in zip(density, points[name], strict=True)]  # fmt: skip
-        k = int(np.argmax(np.nan_to_num(objectives, nan=-np.inf)))
-        hypothesis, theta = (*base.hypothesis, name), points[name][k]
-        begun[name] = Fit(hypothesis, frees[name], base.episodes, theta, NO_SLOPES, density[k])
-    return begun
+        hypothesis = (*base.hypothesis, name)
+        free = model.free(hypothesis)
+        yield (
+            name,
+            [
+                Fit(hypothesis, free, base.episodes, theta, Slopes(each, (), ()), densities(each))
+                for theta, each in zip(points[name], scores, strict=True)
+            ],
+        )
+
+
+def _as_far(best: Fit, at: Fit, moved: Sequence[Fit], places: Sequence[int]) -> FloatArray:
+    """A candidate's point (p,) whose innovations are nearly the best fit's, by Gauss and Newton.
+
+    `moved` are its fits with each of the parameters at `places` moved.
+    """
+    here, theta = _white(at, best), at.theta.copy()
+    steps = [m.theta[i] - theta[i] for m, i in zip(moved, places, strict=True)]
+    columns = [(_white(m, best) - here) / s for m, s in zip(moved, steps, strict=True)]
+    change = _white(best, best) - here
+    if not (np.isfinite(change).all() and np.isfinite(columns).all()):
+        return theta
+    theta[places] += np.linalg.lstsq(np.transpose(columns), change, rcond=1e-9)[0]
+    low, high = bounds_of(at.free)
+    return np.clip(theta, low, high)
+
+
+def _apart(fitted: Fit, best: Fit) -> float:
+    """The sum of squares by which innovations differ from those of the best fit."""
+    return float(np.square(_white(fitted, best) - _white(best, best)).sum())
+
+
+def _white(fitted: Fit, best: Fit) -> FloatArray:
+    """A fit's innovations by the spread and weights that the best one has, (n,)."""
+    parts = zip(fitted.slopes.scores, best.slopes.scores, strict=True)
+    return np.concatenate(
+        [s.innovation / np.sqrt(b.variance) * np.sqrt(b.weight) for s, b in parts]
+    )
 
 
 def _points(best: Fit, free: Sequence[Free], name: str) -> list[FloatArray]:

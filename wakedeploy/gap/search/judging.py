@@ -21,6 +21,7 @@ from wakedeploy.gap.search.artefacts import Leftover
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead, searched_on, theta_from
 from wakedeploy.gap.search.outcome import (
     OUTDONE,
+    SUPERFLUOUS,
     Named,
     evident_yet_unnamed,
     marked,
@@ -185,7 +186,9 @@ def _found(
 def _needed(part: Comparison, start: Named, progress: Progress, anew: Mapping[str, Fit]) -> Named:
     """What is named and still needed beside what followed it.
 
-    What was judged beside an effect that has left again is judged once more, without it.
+    What was judged beside an effect that has left again is judged once more, without it. The others
+    begin there at their sizes too, so that this search comes as far. If it explains less all the
+    same, the first answer stays, and each of its effects is weighed without the one that left.
     """
     ahead = _ahead(part, replace(start, rounds=list(start.rounds)), progress, anew)
     outcome = still_needed(part, ahead)
@@ -193,22 +196,46 @@ def _needed(part: Comparison, start: Named, progress: Progress, anew: Mapping[st
     if not left or set(left) & set(start.found.hypothesis):
         return outcome
     fewer = replace(start, rounds=list(start.rounds), withdrawn=(*start.withdrawn, *left))
-    alone = {n: _fitted_alone(part, outcome.found, n) for n in outcome.found.hypothesis}
-    again = still_needed(part, _ahead(part, fewer, progress, alone))
+    again = still_needed(part, _ahead(part, fewer, progress, {}, outcome.found))
     if again.found.objective < outcome.found.objective - RULES.class_nats:
-        return outcome
+        for name in left:
+            outcome.rounds[:] = [marked(r, name, SUPERFLUOUS) for r in outcome.rounds]
+        return _weighed_anew(part, outcome)
     return with_superfluous(again, ahead, left, len(start.rounds))
 
 
-def _fitted_alone(part: Comparison, found: Fit, name: str) -> Fit:
-    """One effect of a fit by itself, begun at its size there."""
-    start = theta_from(part, (name,), found)
-    return settled(part, fit(part, (name,), found.episodes, start))[0]
+def _weighed_anew(part: Comparison, outcome: Named) -> Named:
+    """The outcome with the weight that each effect has on top of those named before it."""
+    weights, before = {}, crossed(part, outcome.base)
+    for count, name in enumerate(outcome.found.hypothesis, 1):
+        after = crossed(part, _refitted(part, outcome.found.hypothesis[:count], outcome.found))
+        weights[name], before = weight_of(before, after), after
+    return replace(outcome, weights=weights)
 
 
-def _ahead(part: Comparison, outcome: Named, progress: Progress, anew: Mapping[str, Fit]) -> Named:
-    """What is named, one effect after another, until none is or there are enough."""
+def _refitted(part: Comparison, hypothesis: tuple[str, ...], found: Fit) -> Fit:
+    """Some effects, begun at their sizes in a fit."""
+    start = theta_from(part, hypothesis, found)
+    return settled(part, fit(part, hypothesis, found.episodes, start))[0]
+
+
+def _ahead(
+    part: Comparison,
+    outcome: Named,
+    progress: Progress,
+    anew: Mapping[str, Fit],
+    earlier: Fit | None = None,
+) -> Named:
+    """What is named, one effect after another, until none is or there are enough.
+
+    Candidates of the first round start where `anew` has them. In every round those of an `earlier`
+    fit start at their sizes there, too.
+    """
     while len(outcome.found.hypothesis) < RULES.most_effects:
+        if earlier is not None:
+            named = outcome.found.hypothesis
+            remaining = [n for n in earlier.hypothesis if n not in named]
+            anew = {n: _refitted(part, (*named, n), earlier) for n in remaining}
         further = with_one_more(part, outcome, progress, anew)
         if further is None:
             break

@@ -74,8 +74,8 @@ def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
 
 
 def _is_told_apart(removed: Weight) -> bool:
-    """Whether the best one's forecasts are surely better, and by as much as matters."""
-    return removed.low > 0.0 and removed.share >= RULES.least_share
+    """Whether the best one's forecasts are surely better by as much as matters."""
+    return removed.low >= RULES.least_share
 
 
 def is_absent(fitted: Fit, name: str) -> bool:
