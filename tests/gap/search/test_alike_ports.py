@@ -7,8 +7,12 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.search.alike_ports import twins
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
+from wakedeploy.gap.search.rivalry import Verdict
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 RATE, FINE = 20.0, 50
@@ -54,17 +58,21 @@ class Rover(System):
         return {"left_mps": forward - turn, "right_mps": forward + turn}
 
 
-def _driven(seed: int, friction_n: float = 0.0, sag_per_s: float = 0.0) -> Recording:
+def _driven(
+    seed: int, friction_n: float = 0.0, sag_per_s: float = 0.0, lag_s: float = 0.0
+) -> Recording:
     """Random steps of both motors, in small steps of Euler's method."""
     rng = np.random.default_rng(seed)
     n = 400
     volts = np.repeat(rng.uniform(-6.0, 6.0, (n // 20, 2)), 20, axis=0)
     speeds, shown, dt = np.zeros(2), np.empty((n, 2)), 1.0 / RATE / FINE
+    acting = np.zeros(2)
     for k in range(n):
         shown[k] = speeds
         for i in range(FINE):
             sag = 1.0 + sag_per_s * (k / RATE + i * dt)
-            pushes = PUSH_NPV * sag * volts[k] - BACK * speeds
+            acting = acting + dt / lag_s * (volts[k] - acting) if lag_s else volts[k]
+            pushes = PUSH_NPV * sag * acting - BACK * speeds
             pushes -= friction_n * np.tanh(speeds / 2e-3)
             forward, turn = pushes.sum() / MASS_KG, HALF_M**2 * (pushes[1] - pushes[0]) / INERTIA
             speeds = speeds + dt * np.array([forward - turn, forward + turn])
@@ -98,6 +106,31 @@ def test_what_both_sides_lack_is_named_at_both(hidden, names, size, truth):
         assert low < truth < high or naming.found.value(f"{name}.{size}") == pytest.approx(
             truth, rel=0.05
         )
+
+
+def test_all_kinds_are_asked_at_ports_that_lack_one_alike():
+    """Alone, a lag of one motor turns the robot and gains nothing; a hold does at either motor."""
+
+    class Slow(Rover):
+        ports: ClassVar = [
+            *(Port.input(n, kinds=["lag", "sample-and-hold"]) for n in ("left_v", "right_v")),
+            *Rover.ports[2:],
+        ]
+
+    model = LogModel(Slow(), [_driven(seed, lag_s=0.08) for seed in (1, 2)])
+    base = fitted_base(model)
+    verdicts = []
+    for name in ("sample-and-hold@right_v", "sample-and-hold@left_v", "lag@right_v", "lag@left_v"):
+        start = [f.starts[0] if f.starts else f.neutral for f in model.free((name,))]
+        gains = np.full(len(base.episodes), 1.0 if name.startswith("sample") else 0.0)
+        fitted = fit(model, (name,), base.episodes, np.array(start))
+        verdicts.append(Verdict(Candidate(name, fitted, gains), ""))
+    needed = {v.candidate.name: 5.0 for v in verdicts}
+    best = twins(model, base, verdicts, needed, most_effects=4)[0]
+    assert set(best.names) == {"lag@left_v", "lag@right_v"}
+    for name in best.names:
+        assert best.candidate.fit.value(f"{name}.tau_s") == pytest.approx(0.08, abs=0.01)
+    assert not twins(model, base, verdicts, dict.fromkeys(needed, 1e3), most_effects=4)
 
 
 @pytest.mark.slow

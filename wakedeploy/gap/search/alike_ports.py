@@ -14,8 +14,9 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.climbing import begun, climbed
+from wakedeploy.gap.search.climbing import begun, climbed, height, raced
 from wakedeploy.gap.search.comparison import Comparison, theta_from
+from wakedeploy.gap.search.imitation import NEAR, doing_alike
 from wakedeploy.gap.search.rivalry import Verdict, is_nothing, rivals_with
 from wakedeploy.gap.search.scan import elaborates
 
@@ -45,29 +46,71 @@ def twins(
     """Kinds of the verdicts fitted at all ports alike, best first, or a simpler one before it.
 
     Each gains what is `needed` [nats] at every port alone, nearly as much as at the best port, and
-    that much more at all together than at any one. A kind is left out if its size may be nothing at
-    a port, or if it makes more than `most_effects` with those found before. A model that knows
-    no ports has no twins.
+    that much more at all together than at any one. Once there is such a kind, all other kinds at
+    its ports are asked, too. A kind is left out if its size may be nothing at a port, or if it
+    makes more than `most_effects` with those found before. A model that knows no ports has no
+    twins.
     """
-    fitted: list[Twins] = []
-    gains = {v.candidate.name: v.candidate.gain_nats for v in verdicts}
+    fitted: dict[frozenset[str], Twins] = {}
+    firsts = {v.candidate.name: v for v in verdicts}
+    gains = {name: v.candidate.gain_nats for name, v in firsts.items()}
     for verdict in verdicts:
         alike = [n for n in model.ports_alike(verdict.candidate.name) if n not in found.hypothesis]
         names = (verdict.candidate.name, *alike)
         nearly = RULES.port_share * verdict.candidate.gain_nats
         if not alike or any(gains.get(n, 0.0) < max(needed.get(n, np.inf), nearly) for n in names):
             continue
-        is_known = any(set(names) == set(each.names) for each in fitted)
         too_many = len(found.hypothesis) + len(names) > most_effects
-        if is_known or too_many or len(fitted) == _MOST:
+        if frozenset(names) in fitted or too_many or len(fitted) == _MOST:
             continue
-        together, still = settled(model, _climbed(model, found, verdict.candidate.fit, names))
-        both = candidate(found, names[0], together, model)
-        most = max(needed[name] for name in names)
-        needs_all = both.gain_nats - max(gains[name] for name in names) > most
-        if needs_all and not any(is_nothing(together, name) for name in names):
-            fitted.append(Twins(names, both, verdict, still))
-    return _simplest_first(model, sorted(fitted, key=lambda each: -each.candidate.gain_nats))
+        both = _settled(model, found, _climbed(model, found, verdict.candidate.fit, names), verdict)
+        if _needs_all(both, gains, needed):
+            fitted[frozenset(names)] = both
+    if fitted:
+        best = max(fitted.values(), key=_gain)
+        for both in _of_other_kinds(model, found, best, firsts):
+            known = fitted.get(frozenset(both.names), both)
+            if _needs_all(both, gains, needed):
+                fitted[frozenset(both.names)] = max(both, known, key=_gain)
+    return _simplest_first(model, sorted(fitted.values(), key=_gain, reverse=True))
+
+
+def _gain(each: Twins) -> float:
+    return each.candidate.gain_nats
+
+
+def _settled(model: Comparison, found: Fit, together: Fit, first: Verdict) -> Twins:
+    """Effects at all ports, fitted until that moves nothing more."""
+    together, still = settled(model, together)
+    names = together.hypothesis[len(found.hypothesis) :]
+    return Twins(names, candidate(found, names[0], together, model), first, still)
+
+
+def _needs_all(both: Twins, gains: Mapping[str, float], needed: Mapping[str, float]) -> bool:
+    """Whether all together gain more than any one, and none may be nothing."""
+    more = _gain(both) - max(gains[name] for name in both.names)
+    is_more = more > max(needed[name] for name in both.names)
+    return is_more and not any(is_nothing(both.candidate.fit, name) for name in both.names)
+
+
+def _of_other_kinds(
+    model: Comparison, found: Fit, best: Twins, firsts: Mapping[str, Verdict]
+) -> list[Twins]:
+    """Other kinds at the ports of the best one, begun where they do what that one does.
+
+    At one port alone the true kind may gain next to nothing: a lag of one rotor turns the robot.
+    """
+    ports = [name.partition("@")[2] for name in best.names]
+    kinds = [name.partition("@")[0] for name in firsts if name.endswith(f"@{ports[0]}")]
+    each = [tuple(f"{kind}@{port}" for port in ports) for kind in kinds]
+    others = [names for names in each if names != best.names and all(n in firsts for n in names)]
+    begun = doing_alike(model, found, best.candidate.fit, others)
+    least = found.objective + NEAR * (best.candidate.fit.objective - found.objective)
+    near = {names: fit for names, fit in begun.items() if height(fit) > least}
+    chosen = sorted(near, key=lambda names: -height(near[names]))[:_MOST]
+    fits = raced(model, found, [near[names] for names in chosen])
+    pairs = zip(chosen, fits, strict=True)
+    return [_settled(model, found, fit, firsts[names[0]]) for names, fit in pairs]
 
 
 def _simplest_first(model: Comparison, fitted: list[Twins]) -> list[Twins]:

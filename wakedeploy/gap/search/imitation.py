@@ -15,6 +15,7 @@ from wakedeploy.gap.evidence.fits import (
     Fit,
     FloatArray,
     Free,
+    Score,
     Slopes,
     bounds_of,
     densities,
@@ -27,12 +28,13 @@ from wakedeploy.gap.search.climbing import height, raced
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.first_look import aside, starts_of, together
 
-_NEAR = 0.3  # share of the best one's gain that another must reach there to be fitted
+NEAR = 0.3  # share of the best one's gain that another must reach there to be fitted
 _MOST = 4  # that are fitted from there
 _LEADERS = 3  # the most candidates from whose ends others are tried
 _SIZED = 3  # times that a candidate is sized
 _MOSTLY = 0.1  # share that may be left of what the best one does
 _DELAYS = (0.5, 1.0)  # of the best one's: two lags in series are each half as long
+Added = tuple[str, ...]  # the effects that a candidate adds to a base
 
 
 def imitated(model: Comparison, base: Fit, fitted: Mapping[str, Fit]) -> dict[str, Fit]:
@@ -57,35 +59,38 @@ def _imitating(
     gained = fitted[best].objective - base.objective
     if gained < RULES.least_nats:
         return {}
-    begun = _begun(model, base, fitted[best], [n for n in fitted if n != best])
+    begun = doing_alike(model, base, fitted[best], [(n,) for n in fitted if n != best])
     near = {
         n: f
-        for n, f in begun.items()
-        if f.objective > max(fitted[n].objective, base.objective + _NEAR * gained)
+        for (n,), f in begun.items()
+        if f.objective > max(fitted[n].objective, base.objective + NEAR * gained)
     }
     chosen = sorted(near, key=lambda n: -near[n].objective)[:_MOST]
     return dict(zip(chosen, raced(model, base, [near[n] for n in chosen]), strict=True))
 
 
-def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dict[str, Fit]:
+def doing_alike(
+    model: Comparison, base: Fit, best: Fit, added: Sequence[Added]
+) -> dict[Added, Fit]:
     """The best start of each candidate with the noise and constants of the best fit.
 
-    One whose size already does most of what the best one does is sized further: where noise is
-    small, a tenth more or less costs more than nothing at all.
+    A candidate is one effect, or several, beside those of the base. One whose size already does
+    most of what the best one does is sized further: where noise is small, a tenth more or less
+    costs more than nothing at all.
     """
-    points = {n: _points(best, model.free((*base.hypothesis, n)), n) for n in names}
-    at = {n: max(fits, key=height) for n, fits in _placed(model, base, best, points)}
+    points = {a: _points(best, model.free((*base.hypothesis, *a)), a) for a in added}
+    at = {a: max(fits, key=height) for a, fits in _placed(model, base, best, points)}
     highest, least = dict(at), _MOSTLY * _apart(_absent(model, base, best), best)
     for _ in range(_SIZED):
-        places = {n: own_places(f.free, n) for n, f in at.items()}
-        moved = {n: [aside(f.theta, f.free, i)[0] for i in places[n]] for n, f in at.items()}
+        places = {a: _places(f.free, a) for a, f in at.items()}
+        moved = {a: [aside(f.theta, f.free, i)[0] for i in places[a]] for a, f in at.items()}
         sized = {
-            n: [_as_far(best, at[n], beside, places[n])]
-            for n, beside in _placed(model, base, best, moved)
+            a: [_as_far(best, at[a], beside, places[a])]
+            for a, beside in _placed(model, base, best, moved)
         }
-        at = {n: fits[0] for n, fits in _placed(model, base, best, sized)}
-        highest |= {n: max(highest[n], f, key=height) for n, f in at.items()}
-        at = {n: f for n, f in at.items() if _apart(f, best) < least}
+        at = {a: fits[0] for a, fits in _placed(model, base, best, sized)}
+        highest |= {a: max(highest[a], f, key=height) for a, f in at.items()}
+        at = {a: f for a, f in at.items() if _apart(f, best) < least}
     return highest
 
 
@@ -97,19 +102,36 @@ def _absent(model: Comparison, base: Fit, best: Fit) -> Fit:
 
 
 def _placed(
-    model: Comparison, base: Fit, best: Fit, points: Mapping[str, Sequence[FloatArray]]
-) -> Iterator[tuple[str, list[Fit]]]:
+    model: Comparison, base: Fit, best: Fit, points: Mapping[Added, Sequence[FloatArray]]
+) -> Iterator[tuple[Added, list[Fit]]]:
     """Every candidate at its points, scored and without derivatives."""
-    for name, scores in together(model, base, best, points):
-        hypothesis = (*base.hypothesis, name)
+    for added, scored in _scored(model, base, best, points):
+        hypothesis = (*base.hypothesis, *added)
         free = model.free(hypothesis)
         yield (
-            name,
+            added,
             [
                 Fit(hypothesis, free, base.episodes, theta, Slopes(each, (), ()), densities(each))
-                for theta, each in zip(points[name], scores, strict=True)
+                for theta, each in zip(points[added], scored, strict=True)
             ],
         )
+
+
+def _scored(
+    model: Comparison, base: Fit, best: Fit, points: Mapping[Added, Sequence[FloatArray]]
+) -> Iterator[tuple[Added, list[tuple[Score, ...]]]]:
+    single = {added[0]: thetas for added, thetas in points.items() if len(added) == 1}
+    for name, scored in together(model, base, best, single):
+        yield (name,), scored
+    for added, thetas in points.items():
+        if len(added) > 1:
+            hypothesis = (*base.hypothesis, *added)
+            yield added, scores_of(model, hypothesis, np.array(thetas), base.episodes)
+
+
+def _places(free: Sequence[Free], added: Added) -> list[int]:
+    """Where the parameters of a candidate's effects stand."""
+    return [i for name in added for i in own_places(free, name)]
 
 
 def _as_far(best: Fit, at: Fit, moved: Sequence[Fit], places: Sequence[int]) -> FloatArray:
@@ -141,18 +163,17 @@ def _white(fitted: Fit, best: Fit) -> FloatArray:
     )
 
 
-def _points(best: Fit, free: Sequence[Free], name: str) -> list[FloatArray]:
+def _points(best: Fit, free: Sequence[Free], added: Added) -> list[FloatArray]:
     """A candidate's starts; if it and the best are both delays, also those as late as the best."""
-    origin = extended(best, free)
-    places = own_places(free, name)
+    origin, places = extended(best, free), _places(free, added)
     points = starts_of(origin, free, places)
     late = [v for f, v in zip(best.free, best.theta, strict=True) if _is_delay(f, best)]
-    for i in places:
-        if late and free[i].unit == "s":
-            for share in _DELAYS:
-                point = origin.copy()
-                point[i] = np.clip(share * late[0], free[i].low, free[i].high)
-                points.append(point)
+    times = [i for i in places if free[i].unit == "s"]
+    for share in _DELAYS if late and times else ():
+        point = origin.copy()
+        for i in times:
+            point[i] = np.clip(share * late[0], free[i].low, free[i].high)
+        points.append(point)
     return points
 
 
