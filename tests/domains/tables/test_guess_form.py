@@ -268,3 +268,93 @@ def test_first_bytes_come_before_a_name_that_others_use(tmp_path: Path) -> None:
     path = tmp_path / "greek.log"
     path.write_text("t,φ,ω\n" + NUMBERS, "utf-8")
     assert read(path)[1] == pytest.approx(ROWS[:, 1:], abs=1e-5)
+
+
+LOGGER = (
+    '"TOA5","tunnel","CR1000","17","CR1000.Std.32","CPU:fan.CR1","42","fast"\n'
+    '"TIMESTAMP","RECORD","Fan","Force"\n"TS","RN","V","mN"\n"","","Smp","Avg"\n'
+)
+
+
+def test_a_data_logger_says_below_the_units_how_each_column_was_sampled(tmp_path: Path) -> None:
+    path = tmp_path / "tunnel.dat"
+    rows = [f'"2024-01-01 10:00:{t:05.2f}",{k},{q:.5f},{u:.5f}' for k, (t, q, u) in enumerate(ROWS)]
+    path.write_text(LOGGER + "\n".join(rows) + "\n")
+    guessed, columns = read(path)
+    for line in ("skip_rows = 1", "units_row = true", "more_rows = 1", 'column = "TIMESTAMP"'):
+        assert line in guessed
+    assert columns[:, 1:] == pytest.approx(ROWS[:, 1:] * [1.0, 1e-3], abs=1e-5)
+    assert len(columns) == len(ROWS)
+
+
+@pytest.mark.parametrize("below", ["", "N\n", "-,N\n"])
+def test_a_row_that_has_a_number_is_data(below: str, tmp_path: Path) -> None:
+    """A sensor that begins late, whose first cell is a text."""
+    path = tmp_path / "log.csv"
+    path.write_text("t,x,w\n0.0,init,1.0\n" + text(ROWS[1:], ","))
+    assert "more_rows" not in guess_columns(path)
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "mark", "decimal"),
+    [(",", ",", "."), (";", ".", ","), (";", "'", "."), (";", ",", ".")],
+)
+def test_marks_between_thousands_are_seen(
+    delimiter: str, mark: str, decimal: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    forces = 2000.0 + 1500.0 * ROWS[:, 1]
+    swap = str.maketrans({",": mark, ".": decimal})
+    rows = [
+        (f"{t:.2f}".translate(swap), f'"{w:,.2f}"'.translate(swap))
+        for t, w in zip(ROWS[:, 0], forces, strict=True)
+    ]
+    path.write_text(f"t{delimiter}w\n" + "\n".join(map(delimiter.join, rows)) + "\n")
+    guessed, columns = read(path)
+    assert f'thousands = "{mark}"  # ? 1{mark}000 is read as a thousand' in guessed
+    assert columns[:, 0] == pytest.approx(forces, abs=0.006)
+
+
+@pytest.mark.parametrize("cells", [("1,234", "5,678"), ("0,234", "12,5"), ("1,234.5", "1,2")])
+def test_a_comma_before_three_digits_alone_says_nothing_of_thousands(
+    cells: tuple[str, str], tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f'{t:.2f};"{cells[k % 2]}";{x:.5f}' for k, (t, x) in enumerate(ROWS[:, :2])]
+    path.write_text("t;w;x\n" + "\n".join(rows) + "\n")
+    assert "thousands" not in guess_columns(path)
+
+
+def test_a_number_with_parted_thousands_is_refused_with_what_to_write(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text('t,w\n0.0,"1,234.5"\n0.1,"1,230.5"\n0.2,"990.5"\n')
+    stated = 'version = 1\n[time]\ncolumn = "t"\nunit = "s"\n{}[columns.w]\ncolumn = "w"\n'
+    stated += 'role = "output"\nunit = "N"\n'
+    with pytest.raises(UnusableInput, match=r'line 2.*write \[csv\] thousands = "," in columns'):
+        read_recordings([path], parse_columns(stated.format("")))
+    columns = parse_columns(stated.format('[csv]\nthousands = ","\n'))
+    (recording,) = read_recordings([path], columns).recordings
+    assert list(recording.columns["w"]) == [1234.5, 1230.5, 990.5]
+
+
+@pytest.mark.parametrize(
+    ("stamp", "form"),
+    [
+        ("01/13/2024 10:00:{:06.3f} AM", "%m/%d/%Y %I:%M:%S.%f %p"),
+        ("13/01/2024 22:00:{:06.3f}", "%d/%m/%Y %H:%M:%S.%f"),
+        ("13.01.2024 22:00:{:06.3f}", "%d.%m.%Y %H:%M:%S.%f"),
+        ("2024/01/13 22:00:{:06.3f}", "%Y/%m/%d %H:%M:%S.%f"),
+        ("10:00:{:06.3f} PM", "%I:%M:%S.%f %p"),
+    ],
+)
+def test_stamps_are_seen_as_the_worlds_programs_write_them(
+    stamp: str, form: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{stamp.format(t)},{x:.5f}" for t, x in ROWS[:, :2]]
+    path.write_text("Timestamp,x\n" + "\n".join(rows) + "\n")
+    guessed = guess_columns(path)
+    assert f'format = "{form}"  # ?' in guessed
+    columns = parse_columns(guessed.replace('"unused"', '"output"'))
+    (recording,) = read_recordings([path], columns).recordings
+    assert recording.time_s - recording.time_s[0] == pytest.approx(ROWS[:, 0], abs=1e-6)

@@ -119,10 +119,14 @@ class Delimited(_Table):
     delimiter: Annotated[str, StringConstraints(min_length=1, max_length=1)] | None = None
     """None: whichever of comma, semicolon, tab and blank the first line has."""
     decimal: Literal[".", ","] = "."
+    thousands: Literal[".", ",", "'"] | None = None
+    """What parts the thousands of a number, as in 1,234.5."""
     header: bool = True
     """Without a header columns are called #1, #2 and so on; with one these names work, too."""
     units_row: bool = False
     """Whether the row below the header holds units."""
+    more_rows: int = Field(default=0, ge=0, le=100)
+    """Rows below the header, and below the units, that hold no data either."""
     skip_rows: int = Field(default=0, ge=0, le=10_000)
     """Lines before the header."""
     comment: str | None = None

@@ -228,6 +228,8 @@ def _doubts(form: Delimited, log: Log) -> dict[str, str]:
     doubts = {}
     if form.decimal == ",":
         doubts["decimal"] = "  # ? 1,5 is read as one and a half"
+    if mark := form.thousands:
+        doubts["thousands"] = f"  # ? 1{mark}000 is read as a thousand"
     if not form.header:
         doubts["header"] = "  # ? its first row holds numbers, no names"
     if form.skip_rows and isinstance(log, DelimitedLog):

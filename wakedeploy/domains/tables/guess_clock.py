@@ -42,7 +42,11 @@ _WORDS_OF_TIME = frozenset(
 )
 _FEW_STAMPS, _EVEN = 10, 0.5  # fewer say nothing; spread of most steps over the usual one
 _FEW_FALLS, _LONG_RUN = 5, 100  # of a clock that begins again; more falls have rows between them
-_FORMS = ("iso", "%Y-%m-%d %H:%M:%S:%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S")
+_TIMES = (
+    "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S,%f", "%H:%M:%S:%f", "%I:%M:%S.%f %p", "%I:%M:%S %p",
+)  # fmt: skip
+_DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y")
+_FORMS = ("iso", *(f"{day} {time}" for day in _DAYS for time in _TIMES), *_TIMES)
 _RATE_NAMES, _STEP_NAMES = ("fs", "rate", "rate_hz", "sample_rate", "f_s"), ("ts", "dt", "t_s")
 _COMMANDED = re.compile(  # by its name: what drives a system, and is held between its samples
     r"(?:^|[^a-z])(?:cmd|command|ctrl|control|set_?point|ref|reference|desired|target|goal|action"

@@ -24,10 +24,11 @@ _MAGIC = {
 
 _SPREADSHEET = "is a spreadsheet; save its sheet as CSV"
 _JSON = "is JSON; write it as CSV, as by pandas.read_json(…).to_csv(…)"
+_JSON_LINES = _JSON.replace("(…)", "(…, lines=True)", 1)
 _FOREIGN = {  # what people have besides, by how a name ends, and what to do
     ".xlsx": _SPREADSHEET, ".xls": _SPREADSHEET, ".xlsm": _SPREADSHEET, ".ods": _SPREADSHEET,
     ".bag": "is a bag of ROS 1; rosbags-convert --src {} --dst FOLDER makes one of rosbag2",
-    ".json": _JSON, ".jsonl": _JSON, ".ndjson": _JSON,
+    ".json": _JSON, ".jsonl": _JSON_LINES, ".ndjson": _JSON_LINES,
     ".tdms": "is TDMS of LabVIEW; write it as CSV, as by nptdms.TdmsFile(…).as_dataframe()",
     ".mf4": "is MDF; export it as CSV or Parquet, as by asammdf",
     ".mdf": "is MDF; export it as CSV or Parquet, as by asammdf",

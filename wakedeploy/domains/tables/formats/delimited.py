@@ -40,6 +40,7 @@ _COMMENT = "#"  # what lines before a header begin with that are none of the tab
 _COMMENTS = (_COMMENT, "%", "//", "!")  # that are looked for
 _MOST_BEFORE = 300  # lines in which a table begins
 _ROWS = 5  # that are a table
+_MOST_BELOW = 3  # rows between a header and the data
 _LOOKED_AT = 200  # rows that show how numbers are written
 _LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
 _OF_GZIP = zlib.MAX_WBITS | 16  # as zlib is told that there is a header of gzip
@@ -47,6 +48,10 @@ _NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
 _WITH_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _WITHIN_NUMBER = re.compile(r"(?<=[0-9]),(?=[0-9])")
 _WITH_POINT = re.compile(_WITH_COMMA.pattern.replace(",", r"\.", 1))
+_GROUPED = {  # thousands that are parted, by what parts them
+    mark: re.compile(rf"[-+]?[1-9][0-9]{{0,2}}(?:{re.escape(mark)}[0-9]{{3}})+(?:{decimal}[0-9]+)?")
+    for mark, decimal in ((",", r"\."), (".", ","), ("'", "[.,]"))
+}
 _PARTING = re.compile(r"[-=_+]+|(?:float|double|int|uint|real)[0-9]*")
 _MISSING = {"", "nan", "null", "none", "na", "n/a"}
 _BOOLEAN = {"true": 1.0, "false": 0.0}
@@ -85,15 +90,17 @@ def _seen_in_rows(path: Path, form: Delimited) -> Delimited:
         form = form.model_copy(update={"skip_rows": _lines_before(log.first_lines())})
         log = DelimitedLog(path, form)
         rows = list(itertools.islice(log.rows(), _LOOKED_AT))
-    if _has_decimal_commas([log.first, *rows]):
+    if mark := _thousands(rows):
+        form = form.model_copy(update={"thousands": mark, "delimiter": log.delimiter})
+    if mark == "." or _has_decimal_commas([log.first, *rows]):
         form = form.model_copy(update={"decimal": ",", "delimiter": log.delimiter})
     if not rows:
         return form
     if _is_row_of_numbers(log.first, rows) or (form.skip_rows and _has_number(log.first)):
         return form.model_copy(update={"header": False})
-    if _is_row_of_units(rows[0], rows[1:]):
-        return form.model_copy(update={"units_row": True})
-    return form
+    begin = _data_begin(rows)
+    has_units = _is_row_of_units(rows[0], rows[max(begin, 1) :])
+    return form.model_copy(update={"units_row": has_units, "more_rows": max(begin - has_units, 0)})
 
 
 def _lines_before(lines: Sequence[tuple[int, Row]]) -> int:
@@ -111,13 +118,15 @@ def _lines_before(lines: Sequence[tuple[int, Row]]) -> int:
             run += 1
         if run < _ROWS and not (run > 1 and i + run >= len(lines) - 1):
             continue
-        above = [row for row in lines[max(i - 2, 0) : i] if len(row[1]) == len(cells)]
-        names = [row for row in above if any(row[1]) and not _has_number(row[1])]
+        above = list[tuple[int, Row]]()
+        for line, row in reversed(lines[max(i - 1 - _MOST_BELOW, 0) : i]):
+            if len(row) != len(cells) or not any(row) or _has_number(row):
+                break
+            above.insert(0, (line, row))
         numbers = [row for _, row in lines[i : i + run]]
-        if len(names) == 2 and _is_row_of_units(names[1][1], numbers):
-            return names[0][0] - 1
-        is_header = bool(names) and names[-1] == lines[i - 1]
-        return (names[-1][0] if is_header else number) - 1
+        units = (k for k, (_, row) in enumerate(above) if k and _is_row_of_units(row, numbers))
+        header = next(units, len(above)) - 1
+        return (above[header][0] if above else number) - 1
     return 0
 
 
@@ -125,7 +134,23 @@ def _is_table(first: Row, rows: Sequence[Row]) -> bool:
     """Whether rows are as wide as the first, and a column holds numbers, below its unit or not."""
     if any(len(row) != len(first) for row in rows[:-1]):
         return False
-    return bool(_columns_of_numbers(rows[1:] if _is_row_of_units(rows[0], rows[1:]) else rows))
+    begin = _data_begin(rows)
+    return begin == 0 or (begin > 0 and _is_row_of_units(rows[0], rows[begin:]))
+
+
+def _data_begin(rows: Sequence[Row]) -> int:
+    """The first row of data; -1 where it is none of the first.
+
+    From it on a column holds numbers. A row that has only texts above numbers is none of it.
+    """
+    begin = next((k for k in range(1 + _MOST_BELOW) if _columns_of_numbers(rows[k:])), -1)
+    while 0 <= begin < min(_MOST_BELOW, len(rows) - 1):
+        numbers = [i for i in _columns_of_numbers(rows[begin + 1 :]) if i < len(rows[begin])]
+        cells = [rows[begin][i] for i in numbers]
+        if all(map(_is_missing, cells)) or any(map(_is_number_somehow, cells)):
+            break
+        begin += 1
+    return begin
 
 
 def _columns_of_numbers(rows: Sequence[Row]) -> list[int]:
@@ -143,9 +168,13 @@ def _is_missing(cell: str) -> bool:
 
 
 def _is_number_somehow(cell: str) -> bool:
-    """Whether it is a number, with a point or a comma before its decimals."""
+    """Whether it is a number, with a point or a comma before its decimals, or between thousands."""
     plain = cell.strip().lower()
-    return plain not in _MISSING and _is_number(plain.replace(",", ".", 1))
+    if plain in _MISSING:
+        return False
+    return _is_number(plain.replace(",", ".", 1)) or any(
+        grouped.fullmatch(plain) for grouped in _GROUPED.values()
+    )
 
 
 def _has_number(cells: Row) -> bool:
@@ -214,6 +243,24 @@ def _has_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
     return any(map(_WITH_COMMA.fullmatch, cells)) and not any(map(_WITH_POINT.fullmatch, cells))
 
 
+def _thousands(rows: Sequence[Row]) -> str | None:
+    """What parts the thousands of numbers; None where nothing does for certain.
+
+    A single comma may also stand before three decimals. It is certain where there are both marks or
+    two of one, and where no number has one mark elsewhere.
+    """
+    cells = {cell.strip() for row in rows for cell in row}
+    decimals = {",": _WITH_COMMA, ".": _WITH_POINT}
+    for mark, grouped in _GROUPED.items():
+        parted = {cell for cell in cells if grouped.fullmatch(cell)}
+        if mark not in decimals and parted:
+            return mark
+        is_certain = any(cell.count(mark) > 1 or {".", ","} <= {*cell} for cell in parted)
+        if is_certain and not any(map(decimals[mark].fullmatch, cells - parted)):
+            return mark
+    return None
+
+
 def _stated_comment(file: IO[str]) -> str | None:
     is_table, size = False, 0
     while (line := file.readline(_LONGEST_LINE)) and size <= MOST_BYTES:
@@ -250,6 +297,7 @@ class DelimitedLog:
         named = [cell.strip() for cell in cells] if form.header else [""] * len(cells)
         self._names = [name or f"#{i}" for i, name in enumerate(named, 1)]
         units = next(rows, (0, []))[1] if form.header and form.units_row else []
+        rows = itertools.islice(rows, form.more_rows if form.header else 0, None)
         self._units = {
             name: "" if _PARTING.fullmatch(unit.strip().lower()) else _plain_unit(unit)
             for name, unit in zip(self._names, units, strict=False)
@@ -364,9 +412,7 @@ class DelimitedLog:
 
     def _blocks(self) -> Iterator[list[list[str]]]:
         """Rows of the header's width, some thousands at a time; the last may be cut off."""
-        rows = self._rows()
-        for _ in range(self._form.header + (self._form.header and self._form.units_row)):
-            next(rows)
+        rows = itertools.islice(self._rows(), self._above_data, None)
         block: list[list[str]] = []
         width, torn = len(self._names), None
         for line, row in rows:
@@ -386,6 +432,12 @@ class DelimitedLog:
             self.notes.append(f"{self.path}: its last line is cut off and was left out")
         if block:
             yield block
+
+    @property
+    def _above_data(self) -> int:
+        """Rows of the header, of the units and of what else stands above the data."""
+        form = self._form
+        return 1 + form.units_row + form.more_rows if form.header else 0
 
     def _uneven(self, line: int, row: Sequence[str]) -> UnusableInput:
         return UnusableInput(
@@ -480,9 +532,9 @@ class DelimitedLog:
     def _converted(self, cell: _Cell, texts: Sequence[str], is_stamp: bool) -> Values:
         if cell.element is not None:
             texts = [self._element(cell, text, i) for i, text in enumerate(texts)]
+        if self._form.decimal == "," or self._form.thousands:
+            texts = [_plain(text, self._form) for text in texts]
         joined = "".join(texts)
-        if self._form.decimal == ",":
-            texts, joined = [text.replace(",", ".") for text in texts], ""
         if joined.isascii() and "_" not in joined:
             try:
                 if is_stamp:
@@ -512,6 +564,9 @@ class DelimitedLog:
 
     def _advice_on_text(self, cell: str) -> str:
         """What to do about a cell that is no number as the table is said to be written."""
+        if mark := _thousands([[cell]]):
+            decimal = ' and decimal = ","' if mark == "." else ""
+            return f'write [csv] thousands = "{mark}"{decimal} in columns.toml'
         if self._form.decimal == "." and _WITH_COMMA.fullmatch(cell):
             return (
                 'where numbers have commas before their decimals, write [csv] decimal = "," and'
@@ -611,6 +666,14 @@ def _is_number_or_absent(text: str) -> bool:
     return text.strip().lower() in _MISSING or _is_number(text)
 
 
+def _plain(text: str, form: Delimited) -> str:
+    """A number as Python writes it, without marks between thousands; other texts as they are."""
+    mark = form.thousands
+    if mark is not None and _GROUPED[mark].fullmatch(text.strip()):
+        text = text.replace(mark, "")
+    return text.replace(",", ".") if form.decimal == "," else text
+
+
 def _is_text(text: str, form: Delimited) -> bool:
-    plain = text.strip().lower().replace(form.decimal, ".")
+    plain = _plain(text.strip().lower(), form)
     return not (plain in _MISSING or plain in _BOOLEAN or _is_number(plain))
