@@ -358,3 +358,75 @@ def test_stamps_are_seen_as_the_worlds_programs_write_them(
     columns = parse_columns(guessed.replace('"unused"', '"output"'))
     (recording,) = read_recordings([path], columns).recordings
     assert recording.time_s - recording.time_s[0] == pytest.approx(ROWS[:, 0], abs=1e-6)
+
+
+CAPTURE = (
+    "Format Version,1.23,Take Name,t1,\n\n,,Rigid Body,Rigid Body,Rigid Body\n"
+    ',,R1,R1,R1\n,,"A","A","A"\n,,Position,Position,Position\nFrame,Time (Seconds),X,Y,Z\n'
+)
+
+
+def test_names_stand_above_every_column_of_numbers(tmp_path: Path) -> None:
+    """Motion capture: what a body is called may read as a unit, as that of a current."""
+    path = tmp_path / "take.csv"
+    rows = [f"{k},{t:.5f},{q:.5f},{u:.5f},{q * u:.5f}" for k, (t, q, u) in enumerate(ROWS)]
+    path.write_text(CAPTURE + "\n".join(rows) + "\n")
+    guessed, columns = read(path)
+    assert "skip_rows = 6" in guessed
+    assert 'column = "Time (Seconds)"\nunit = "Seconds"' in guessed
+    assert columns[:, 1:3] == pytest.approx(ROWS[:, 1:], abs=1e-5)
+
+
+@pytest.mark.parametrize(("header", "row"), [("", ","), (",", ""), (",", ",")])
+def test_a_delimiter_at_the_end_makes_no_column(header: str, row: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,x,w{header}\n" + text(ROWS, ",").replace("\n", row + "\n"))
+    guessed, columns = read(path)
+    assert 'column = "w"' in guessed
+    assert columns == pytest.approx(ROWS[:, 1:], abs=1e-5)
+
+
+def test_a_header_that_stands_again_begins_a_recording(tmp_path: Path) -> None:
+    """A logger that was switched on twice, into one file."""
+    path = tmp_path / "log.csv"
+    path.write_text(2 * ("t,x,w\n" + text(ROWS, ",")))
+    columns = parse_columns(guess_columns(path).replace('"unused"', '"output"'))
+    read_ = read_recordings([path], columns)
+    assert [len(each.time_s) for each in read_.recordings] == [len(ROWS)] * 2
+    assert any(f"its header stands again in line {len(ROWS) + 2}" in n for n in read_.notes)
+
+
+@pytest.mark.parametrize("cell", ["#N/A", "-", "--", "1.#QNAN", "-nan(ind)", "-nan"])
+def test_what_programs_write_for_no_number_is_missing(cell: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = text(ROWS, ",").splitlines()
+    rows[7] = rows[7].rpartition(",")[0] + f",{cell}"
+    path.write_text("t,x,w\n" + "\n".join(rows) + "\n")
+    stated = guess_columns(path).replace('"unused"', '"output"').replace('"split"', '"nan"')
+    (recording,) = read_recordings([path], parse_columns(stated)).recordings
+    assert np.flatnonzero(np.isnan(recording.columns["w"])).tolist() == [7]
+
+
+@pytest.mark.parametrize("odd", [None, "0.30 min", "soon"])
+def test_units_may_stand_behind_numbers(odd: str | None, tmp_path: Path) -> None:
+    """A timetable as MATLAB writes it; another unit further down is no number."""
+    path = tmp_path / "log.csv"
+    rows = [f"{t:.2f} sec,{x:.5f} mm" for t, x in ROWS[:, :2]]
+    path.write_text("Time,x\n" + "\n".join(rows) + "\n")
+    guessed, columns = read(path)
+    assert "units_in_cells = true" in guessed
+    assert 'column = "Time"\nunit = "sec"' in guessed
+    assert columns[:, 0] == pytest.approx(ROWS[:, 1] * 1e-3, abs=1e-8)
+    if odd:
+        path.write_text("Time,x\n" + "\n".join([*rows, f"{odd},0.0 mm"]) + "\n")
+        stated = parse_columns(guessed.replace('"unused"', '"output"'))
+        with pytest.raises(UnusableInput, match=r"'Time' holds texts"):
+            read_recordings([path], stated)
+
+
+@pytest.mark.parametrize("begin", [b"FMT, 128, 89, FMT, BBnNZ, Type\n", b"\xa3\x95\x80\x80"])
+def test_a_log_of_a_known_autopilot_says_how_to_convert_it(begin: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "flight.log"
+    path.write_bytes(begin + b"IMU, 1, 2\n")
+    with pytest.raises(UnusableInput, match=r"ArduPilot; convert .* mavlogdump\.py --format csv"):
+        guess_columns(path)

@@ -121,6 +121,8 @@ class Delimited(_Table):
     decimal: Literal[".", ","] = "."
     thousands: Literal[".", ",", "'"] | None = None
     """What parts the thousands of a number, as in 1,234.5."""
+    units_in_cells: bool = False
+    """Whether numbers have a unit behind them, as in 0.02 sec, one all through a column."""
     header: bool = True
     """Without a header columns are called #1, #2 and so on; with one these names work, too."""
     units_row: bool = False

@@ -230,6 +230,8 @@ def _doubts(form: Delimited, log: Log) -> dict[str, str]:
         doubts["decimal"] = "  # ? 1,5 is read as one and a half"
     if mark := form.thousands:
         doubts["thousands"] = f"  # ? 1{mark}000 is read as a thousand"
+    if form.units_in_cells:
+        doubts["units_in_cells"] = "  # ? cells say their unit, which is taken from the first row"
     if not form.header:
         doubts["header"] = "  # ? its first row holds numbers, no names"
     if form.skip_rows and isinstance(log, DelimitedLog):

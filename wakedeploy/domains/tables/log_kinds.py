@@ -39,6 +39,11 @@ _FOREIGN = {  # what people have besides, by how a name ends, and what to do
     ".bin": "is a log of its own kind; convert it with the program that wrote it, to CSV",
     ".tlog": "is a log of MAVLink; convert it, as by mavlogdump.py --format csv",
 }  # fmt: skip
+_DATAFLASH = (b"FMT, ", b"\xa3\x95")  # as ArduPilot begins its logs, as text and as bytes
+_ARDUPILOT = (
+    "is a log of ArduPilot; convert one kind of its messages, as by mavlogdump.py --format csv "
+    "--types IMU"
+)
 _TEXTS = {".json", ".jsonl", ".ndjson"}  # of these, that are text and yet no table
 _TEXT_BYTES = 4096  # of a file without a known name that show whether it is text
 
@@ -85,6 +90,8 @@ def _by_first_bytes(path: Path) -> str | None:
             first = file.read(_TEXT_BYTES)
     except OSError as error:
         raise unreadable(path, error) from error
+    if first.startswith(_DATAFLASH):
+        raise UnusableInput(f"{path}: {_ARDUPILOT}.")
     known = next((kind for magic, kind in _MAGIC.items() if first.startswith(magic)), None)
     return known or ("delimited" if _is_table_of_text(first) else None)
 

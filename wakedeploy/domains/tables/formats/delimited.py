@@ -53,9 +53,15 @@ _GROUPED = {  # thousands that are parted, by what parts them
     for mark, decimal in ((",", r"\."), (".", ","), ("'", "[.,]"))
 }
 _PARTING = re.compile(r"[-=_+]+|(?:float|double|int|uint|real)[0-9]*")
-_MISSING = {"", "nan", "null", "none", "na", "n/a"}
+_MISSING = {
+    *("", "nan", "-nan", "null", "none", "na", "n/a", "#n/a", "-", "--", "---"),
+    *("nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind"),  # as Windows prints it
+}
 _BOOLEAN = {"true": 1.0, "false": 0.0}
-_UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
+_UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]*[^()\[\]0-9]+)[)\]]\s*$")
+_WITH_UNIT = re.compile(
+    r"(?P<number>[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>[^\d\s.,:;].*)"
+)
 
 
 Row = list[str]
@@ -90,6 +96,9 @@ def _seen_in_rows(path: Path, form: Delimited) -> Delimited:
         form = form.model_copy(update={"skip_rows": _lines_before(log.first_lines())})
         log = DelimitedLog(path, form)
         rows = list(itertools.islice(log.rows(), _LOOKED_AT))
+    if _have_units(rows):
+        form = form.model_copy(update={"units_in_cells": True})
+        rows = [[_parted(cell)[0] for cell in row] for row in rows]
     if mark := _thousands(rows):
         form = form.model_copy(update={"thousands": mark, "delimiter": log.delimiter})
     if mark == "." or _has_decimal_commas([log.first, *rows]):
@@ -122,12 +131,22 @@ def _lines_before(lines: Sequence[tuple[int, Row]]) -> int:
         for line, row in reversed(lines[max(i - 1 - _MOST_BELOW, 0) : i]):
             if len(row) != len(cells) or not any(row) or _has_number(row):
                 break
-            above.insert(0, (line, row))
+            above.append((line, row))
         numbers = [row for _, row in lines[i : i + run]]
-        units = (k for k, (_, row) in enumerate(above) if k and _is_row_of_units(row, numbers))
-        header = next(units, len(above)) - 1
-        return (above[header][0] if above else number) - 1
+        return _header_of(above, numbers, number) - 1
     return 0
+
+
+def _header_of(above: Sequence[tuple[int, Row]], numbers: Sequence[Row], first: int) -> int:
+    """The line of the names among lines `above` numbers, the lowest first; else the numbers' own.
+
+    Names stand above each column of numbers, or, where no line has as many, in the lowest line that
+    holds no units.
+    """
+    columns = _columns_of_numbers(numbers)
+    named = [(line, row) for line, row in above if not _is_row_of_units(row, numbers)]
+    whole = [line for line, row in named if all(row[i] for i in columns)]
+    return next(iter([*whole, *(line for line, _ in named)]), first)
 
 
 def _is_table(first: Row, rows: Sequence[Row]) -> bool:
@@ -243,6 +262,19 @@ def _has_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
     return any(map(_WITH_COMMA.fullmatch, cells)) and not any(map(_WITH_POINT.fullmatch, cells))
 
 
+def _have_units(rows: Sequence[Row]) -> bool:
+    """Whether a column has one unit behind all of its numbers."""
+    columns = zip(*rows, strict=False)
+    units = [{_parted(cell)[1] for cell in cells if not _is_missing(cell)} for cells in columns]
+    return any(len(found) == 1 and is_known(*found) for found in units if "" not in found)
+
+
+def _parted(cell: str) -> tuple[str, str]:
+    """A number and the unit behind it; the cell itself and no unit where it is not both."""
+    match = _WITH_UNIT.fullmatch(cell.strip())
+    return (match["number"], match["unit"].strip()) if match else (cell, "")
+
+
 def _thousands(rows: Sequence[Row]) -> str | None:
     """What parts the thousands of numbers; None where nothing does for certain.
 
@@ -287,6 +319,7 @@ class DelimitedLog:
     def __init__(self, path: Path, form: Delimited) -> None:
         self.path, self._form, self.notes = path, form, list[str]()
         self._lines = array("q")  # of each row, where the first is 1
+        self._again = list[int]()  # lines in which the header stands once more
         rows = self._rows()
         self.delimiter = form.delimiter or ","
         first = next(rows, None)
@@ -303,6 +336,9 @@ class DelimitedLog:
             for name, unit in zip(self._names, units, strict=False)
         }
         self._example = next(rows, (0, []))[1] if form.header else cells
+        self._unit_behind = [
+            _parted(cell)[1] if form.units_in_cells else "" for cell in self._example
+        ]
         self._lacks_header = form.header and _is_row_of_numbers(cells, [self._example])
         if self._lacks_header:
             self.notes.append(
@@ -315,8 +351,10 @@ class DelimitedLog:
         found = []
         for i, name in enumerate(self._names):
             text = self._example[i].strip() if i < len(self._example) else ""
+            behind = self._behind(i)
+            text = text.removesuffix(behind).strip()
             match = _UNIT_IN_NAME.match(name)
-            unit = self._units.get(name) or (match["unit"] if match else None)
+            unit = self._units.get(name) or behind or (match["unit"] if match else None)
             count = len(_numbers(text)) if text.startswith("[") else 0
             names = [f"{name}[{k}]" for k in range(count)] or [name]
             value = None if not count and _is_text(text, self._form) else 0.0
@@ -428,10 +466,20 @@ class DelimitedLog:
             if len(block) == _BLOCK:
                 yield block
                 block = []
+        if self._again:
+            more = f" and {len(self._again) - 1} more" if len(self._again) > 1 else ""
+            self.notes.append(
+                f"{self.path}: its header stands again in line {self._again[0]}{more} and was left "
+                "out there"
+            )
         if torn is not None:
             self.notes.append(f"{self.path}: its last line is cut off and was left out")
         if block:
             yield block
+
+    def _behind(self, column: int) -> str:
+        """The unit behind the numbers of a column, if they have one there."""
+        return self._unit_behind[column] if column < len(self._unit_behind) else ""
 
     @property
     def _above_data(self) -> int:
@@ -449,7 +497,8 @@ class DelimitedLog:
         """Each row with the number of its line; the first one shows the delimiter."""
         try:
             with _opened(self.path, self._form.encoding) as file:
-                yield from self._parsed(self._from_header(self._text_lines(file)))
+                parsed = self._parsed(self._from_header(self._text_lines(file)))
+                yield from self._evened(parsed)
         except UnicodeError as error:
             seen = _seen_encoding(self.path)
             is_same = seen.removesuffix("-sig") == self._form.encoding.removesuffix("-sig")
@@ -463,6 +512,30 @@ class DelimitedLog:
                 f"{self.path}: cannot be read as a table of text ({one_line(error)}); copy it"
                 " again, or say in [csv] how it is written."
             ) from error
+
+    def _evened(self, rows: Iterator[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:
+        """Rows without the blank cell that a delimiter at their end makes, and the header once.
+
+        Some loggers write the header again whenever they start.
+        """
+        begin = list(itertools.islice(rows, 2))
+        if not begin:
+            return
+        number, names = begin[0]
+        if len(begin) > 1 and not names[-1].strip() and len(begin[1][1]) == len(names) - 1:
+            names = names[:-1]
+        yield number, names
+        is_named = self._form.header and any(
+            not (_is_missing(name) or _is_number(name.strip())) for name in names
+        )
+        self._again = list[int]()
+        for number, row in itertools.chain(begin[1:], rows):
+            if len(row) == len(names) + 1 and not row[-1].strip():
+                row = row[:-1]
+            if is_named and row == names:
+                self._again.append(number)
+            else:
+                yield number, row
 
     def _text_lines(self, file: IO[str]) -> Iterator[tuple[int, str]]:
         """Lines below those to skip that are not blank, each with its number and with an end."""
@@ -532,6 +605,8 @@ class DelimitedLog:
     def _converted(self, cell: _Cell, texts: Sequence[str], is_stamp: bool) -> Values:
         if cell.element is not None:
             texts = [self._element(cell, text, i) for i, text in enumerate(texts)]
+        if behind := self._behind(cell.column):
+            texts = [text.strip().removesuffix(behind).rstrip() for text in texts]
         if self._form.decimal == "," or self._form.thousands:
             texts = [_plain(text, self._form) for text in texts]
         joined = "".join(texts)
