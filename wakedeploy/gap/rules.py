@@ -31,6 +31,8 @@ class Rules:
             what was found beside it doubted; of twenty constants, chance bends one as far in one
             case of twenty.
         class_nats: Rivals within this of the best cannot be told from it: odds of 1 to 20.
+        companion_share: Share of what an effect gains without another that it gains beside it if it
+            is no rival of that one: each explains something else.
         most_in_class: More rivals than these are no class; the answer is then unknown.
         least_share: Share of the squared error of forecasts that an effect removes to matter.
         least_of_gap: Share of the squared error that there was at first which a further effect
@@ -94,6 +96,7 @@ class Rules:
     class_nats: float = 3.0
     sure_share: float = 0.8
     bent_sd: float = 3.0
+    companion_share: float = 0.5
     most_in_class: int = 3
     least_share: float = 0.01
     least_of_gap: float = 0.001

@@ -681,7 +681,7 @@ def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
     monkeypatch.setattr(rounds, "weight_of", lambda *given: Weight(0.1, low, 0.25))
     monkeypatch.setattr(rounds, "share_of_gap", lambda *given: 0.5)
     monkeypatch.setattr(rounds, "undecided", lambda model, verdicts: list(verdicts))
-    monkeypatch.setattr(rounds, "_rivals", lambda model, leader, verdicts: verdicts[1:])
+    monkeypatch.setattr(rounds, "_rivals", lambda model, found, leader, verdicts: verdicts[1:])
     helps, gains = Weight(0.5, 0.4, 0.6), np.ones(4)
 
     def evident(*hypothesis):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from tests.gap.linear_model import Linear
+from tests.gap.linear_model import EPISODES, Linear
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Free, Score
@@ -20,7 +20,13 @@ from wakedeploy.gap.search.comparison import ComparisonDefaults
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import ACCEPTED, HARDLY, Named, verdict_of
 from wakedeploy.gap.search.results import answer_of
-from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, undecided
+from wakedeploy.gap.search.rivalry import (
+    Verdict,
+    is_absent,
+    is_companion,
+    is_nothing,
+    undecided,
+)
 from wakedeploy.gap.search.rounds import _best, _is_something
 from wakedeploy.gap.search.size_bounds import profiled
 from wakedeploy.gap.search.weighing import Weight, is_outdone
@@ -57,16 +63,33 @@ def _verdict(name, why, gains, error, neutral=(0.0,)):
 
 def _told(*verdicts):
     leader = next(v for v in verdicts if v.why == ACCEPTED)
-    return [v.candidate.name for v in _best(_Offering(), leader, verdicts)]
+    return [v.candidate.name for v in _best(_Offering(), None, leader, verdicts)]
 
 
-def test_what_would_not_be_named_is_a_rival_all_the_same():
+@pytest.fixture
+def apart(monkeypatch):
+    """Nothing is scored: none is a companion of another."""
+    monkeypatch.setattr(rounds, "is_companion", lambda *given: False)
+
+
+@pytest.mark.parametrize(("other", "is_one"), [("b", False), ("c", True)])
+def test_what_gains_as_much_beside_another_is_no_rival_of_it(other, is_one):
+    """C is another thing that is missing, too; b looks like a."""
+    model = Linear({"a": 0.6, "c": 0.5})
+    base, *fits = (fit(model, h, range(EPISODES)) for h in ((), ("a",), (other,)))
+    best, second = (Candidate(f.hypothesis[0], f, np.ones(EPISODES)) for f in fits)
+    assert is_companion(model, base, best, second) == is_one
+    nothing = Candidate(other, replace(fits[1], per_episode=base.per_episode - 1.0), best.gains)
+    assert not is_companion(model, base, best, nothing)
+
+
+def test_what_would_not_be_named_is_a_rival_all_the_same(apart):
     lag = _verdict("lag@u", ACCEPTED, [2.0, 3.0, 2.0, 1.0], 1.0)
     gain = _verdict("gain@u", HARDLY, [2.5, 1.5, 3.0, 2.0], 1.01)
     assert _told(gain, lag) == ["lag@u", "gain@u"]
 
 
-def test_of_those_that_nothing_tells_apart_the_simplest_comes_first():
+def test_of_those_that_nothing_tells_apart_the_simplest_comes_first(apart):
     bent = _verdict("hysteresis@v", ACCEPTED, [2.5, 3.0, 2.0, 2.5], 1.0, neutral=(0.0, 1.0, 0.0))
     push = _verdict("offset@v", ACCEPTED, [2.0, 3.0, 2.0, 1.0], 1.01)
     gain = _verdict("gain@u", HARDLY, [2.5, 1.5, 3.0, 2.0], 1.01)
@@ -75,7 +98,7 @@ def test_of_those_that_nothing_tells_apart_the_simplest_comes_first():
     assert _told(rubs, push) == ["coulomb@v", "offset@v"]  # a shape makes it no less simple
 
 
-def test_a_rival_that_only_elaborates_another_rival_is_none():
+def test_a_rival_that_only_elaborates_another_rival_is_none(apart):
     bias, push = (_verdict(n, ACCEPTED, [3.0, 3.0], 1.0) for n in ("bias@u", "offset@v"))
     spring = _verdict("preloaded-spring@v", ACCEPTED, [3.0, 3.0], 1.0)
     assert _told(bias, push, spring) == ["bias@u", "offset@v"]
@@ -109,7 +132,7 @@ def test_a_simpler_kind_that_is_turned_down_takes_no_candidate_with_it(
         "_judged_round": lambda *_: [finer],
         "_twins": lambda *_: None,
         "_plainer": lambda *_: simple,
-        "_best": lambda model, leader, verdicts: [leader],
+        "_best": lambda model, found, leader, verdicts: [leader],
         "_with": lambda model, outcome, best: (
             None if best[0].candidate.name in turned_down else best[0].candidate.name
         ),
@@ -120,14 +143,14 @@ def test_a_simpler_kind_that_is_turned_down_takes_no_candidate_with_it(
     assert rounds.with_one_more(_Offering(), outcome, lambda *_: None) == named
 
 
-def test_what_every_block_finds_worse_is_no_rival():
+def test_what_every_block_finds_worse_is_no_rival(apart):
     lag = _verdict("lag@u", ACCEPTED, [9.0, 8.0, 9.0, 8.0], 1.0)
     gain = _verdict("gain@u", ACCEPTED, [3.0, 2.0, 3.0, 2.0], 1.0)
     assert _told(lag, gain) == ["lag@u"]
 
 
 @pytest.mark.parametrize(("little", "told"), [(0.05, ["lag@u"]), (1.2, ["lag@u", "gain@u"])])
-def test_what_explains_next_to_nothing_is_no_rival_of_what_a_few_blocks_show(little, told):
+def test_what_explains_next_to_nothing_is_no_rival_of_what_a_few_blocks_show(apart, little, told):
     lag = _verdict("lag@u", ACCEPTED, [30.0, 0.5, 15.0, -0.5], 1.0)
     gain = _verdict("gain@u", HARDLY, [little, 0.0, 2 * little, little], 1.01)
     assert _told(lag, gain) == told
@@ -143,7 +166,7 @@ def test_forecasts_tell_apart_what_blocks_do_not():
     ("better", "told"),
     [("added-inertia@v", ["wake", "added-inertia@v"]), ("offset@v", ["offset@v"])],
 )
-def test_forecasts_take_out_no_leader_for_what_makes_inputs_do_less(better, told):
+def test_forecasts_take_out_no_leader_for_what_makes_inputs_do_less(apart, better, told):
     """A wake acts in a few blocks; a controller holds against it, as if there were more mass."""
     wake = _verdict("wake", ACCEPTED, [30.0, 0.0, 18.0, 0.0], 1.5)
     assert _told(wake, _verdict(better, ACCEPTED, [12.0, 6.0, 18.0, 1.0], 1.0)) == told

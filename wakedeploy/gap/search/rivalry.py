@@ -13,10 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, own_parameters
+from wakedeploy.gap.evidence.fits import (
+    Fit,
+    FloatArray,
+    Free,
+    densities,
+    log_prior,
+    own_parameters,
+    scores_of,
+)
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.comparison import Comparison, theta_from
 from wakedeploy.gap.search.weighing import Weight, crossed, weight_of
 
 _NEXT_TO_NOTHING = 0.1  # share of the best's gain
@@ -54,6 +62,20 @@ def rivals_with(best: Candidate, other: Candidate) -> bool:
             * count**0.5
         )
     return bool(best.gain_nats - other.gain_nats - reach < RULES.class_nats)
+
+
+def is_companion(model: Comparison, found: Fit, best: Candidate, other: Candidate) -> bool:
+    """Whether another gains beside the best one most of what it gains on top of a fit without it.
+
+    Both then explain different things, and recordings hold evidence for each. It is looked at with
+    its own sizes and all else as the best one has it, which can only gain less than a fit of both.
+    """
+    alone = other.fit.objective - found.objective
+    hypothesis = (*best.fit.hypothesis, other.name)
+    theta = theta_from(model, hypothesis, other.fit, best.fit)
+    scores = scores_of(model, hypothesis, theta[None], best.fit.episodes)[0]
+    both = float(densities(scores).sum()) + log_prior(model.free(hypothesis), theta)
+    return bool(both - best.fit.objective >= RULES.companion_share * alone > 0.0)
 
 
 def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:

@@ -40,6 +40,7 @@ from wakedeploy.gap.search.outcome import (
 from wakedeploy.gap.search.rivalry import (
     Verdict,
     is_absent,
+    is_companion,
     is_nothing,
     rivals_with,
     sizes_of,
@@ -67,9 +68,9 @@ def with_one_more(
         return further
     if leader is not None:  # the simpler effect first, then the leader if that is turned down
         plainer = _plainer(model, found, leader, verdicts)
-        further = _with(model, outcome, _best(model, plainer, verdicts))
+        further = _with(model, outcome, _best(model, found, plainer, verdicts))
         if further is None and plainer is not leader:
-            further = _with(model, outcome, _best(model, leader, verdicts))
+            further = _with(model, outcome, _best(model, found, leader, verdicts))
         return further
     evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
     if not evident or len(found.hypothesis) + 2 > RULES.most_effects:
@@ -166,9 +167,11 @@ def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
     return weight.matters and (weight.low > 0.0 or not known)
 
 
-def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+def _best(
+    model: Comparison, found: Fit, leader: Verdict, verdicts: Sequence[Verdict]
+) -> list[Verdict]:
     """A leader and its rivals, the accepted ones first, of these the simplest first."""
-    alike = _alike(model, leader, verdicts)
+    alike = _alike(model, found, leader, verdicts)
     if not any(v.why == ACCEPTED for v in alike):  # no effect with better forecasts is evident
         return [leader]
     return sorted(
@@ -176,14 +179,16 @@ def _best(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> li
     )
 
 
-def _alike(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+def _alike(
+    model: Comparison, found: Fit, leader: Verdict, verdicts: Sequence[Verdict]
+) -> list[Verdict]:
     """A leader and the effects that recordings cannot tell from it, without mere elaborations.
 
     Forecasts do not take out a leader if, unlike it, all that they leave makes inputs do far less.
     A controller's inputs answer what acts on a system; a forecast that does not know of it yet
     takes them as they come, and is better the less they do.
     """
-    alike = undecided(model, [leader, *_rivals(model, leader, verdicts)])
+    alike = undecided(model, [leader, *_rivals(model, found, leader, verdicts)])
     if leader not in alike and not _does_far_less(model, leader.candidate):
         is_by_less = all(_does_far_less(model, v.candidate) for v in alike)
         alike = [leader, *alike] if is_by_less else alike
@@ -213,8 +218,13 @@ def _plainer(
     return Verdict(plainer, ACCEPTED, weight, squares) if worth else leader
 
 
-def _rivals(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """The fitted effects that blocks cannot tell from a leader, without elaborations of it."""
+def _rivals(
+    model: Comparison, found: Fit, leader: Verdict, verdicts: Sequence[Verdict]
+) -> list[Verdict]:
+    """The fitted effects that blocks cannot tell from a leader, without elaborations of it.
+
+    One that gains beside the leader what it gains without is none: each explains something else.
+    """
     leading = leader.candidate.name
     return [
         v
@@ -222,6 +232,7 @@ def _rivals(model: Comparison, leader: Verdict, verdicts: Sequence[Verdict]) -> 
         if v.candidate.name != leading
         and not elaborates(model, v.candidate.name, leading)
         and rivals_with(leader.candidate, v.candidate)
+        and not is_companion(model, found, leader.candidate, v.candidate)
     ]
 
 
@@ -341,7 +352,7 @@ def _pair(
         gained = share_of_gap(crossed(model, outcome.base), before, after)
         if not _is_worth_naming(both, list(outcome.weights)) or gained < RULES.least_of_gap:
             continue
-        alike = _alike(model, first, beside_it)
+        alike = _alike(model, outcome.found, first, beside_it)
         members = (first.candidate.name, *(v.candidate.name for v in alike if v is not first))
         most = RULES.most_in_class if outcome.weights else len(members)
         if (outcome.rivals and len(members) > 1) or len(members) > most:
@@ -350,7 +361,7 @@ def _pair(
             outcome, found=beside, rivals=members if len(members) > 1 else outcome.rivals
         )
         second = replace(verdict, why=ACCEPTED, weight=both)
-        alike = _alike(model, second, verdicts)
+        alike = _alike(model, beside, second, verdicts)
         further = _with(model, company, [second, *(v for v in alike if v is not second)])
         if further is None:
             continue
