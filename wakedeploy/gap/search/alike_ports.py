@@ -43,35 +43,37 @@ def twins(
     needed: Mapping[str, float],
     most_effects: int,
 ) -> list[Twins]:
-    """Kinds of the verdicts fitted at all ports alike, best first, or a simpler one before it.
+    """Kinds fitted at all ports alike, best first, or a simpler one before it.
 
-    Each gains what is `needed` [nats] at every port alone, nearly as much as at the best port, and
-    that much more at all together than at any one. Once there is such a kind, all other kinds at
-    its ports are asked, too. A kind is left out if its size may be nothing at a port, or if it
-    makes more than `most_effects` with those found before. A model that knows no ports has no
-    twins.
+    Asked are kinds that gain what is `needed` [nats] at every port alone, nearly as much as at the
+    best port, and those that together do much of what the best effect does, or the best such kind.
+    Each gains what is needed more at all ports than at any one. A kind is left out if its size may
+    be nothing at a port, or if it makes more than `most_effects` with those found before. A model
+    that knows no ports has no twins.
     """
     fitted: dict[frozenset[str], Twins] = {}
     firsts = {v.candidate.name: v for v in verdicts}
     gains = {name: v.candidate.gain_nats for name, v in firsts.items()}
+    sets = _sets(model, firsts, most_effects - len(found.hypothesis))
     for verdict in verdicts:
-        alike = [n for n in model.ports_alike(verdict.candidate.name) if n not in found.hypothesis]
-        names = (verdict.candidate.name, *alike)
+        names = sets.get(verdict.candidate.name, ())
         nearly = RULES.port_share * verdict.candidate.gain_nats
-        if not alike or any(gains.get(n, 0.0) < max(needed.get(n, np.inf), nearly) for n in names):
+        if not names or any(gains[n] < max(needed.get(n, np.inf), nearly) for n in names):
             continue
-        too_many = len(found.hypothesis) + len(names) > most_effects
-        if frozenset(names) in fitted or too_many or len(fitted) == _MOST:
+        if frozenset(names) in fitted or len(fitted) == _MOST:
             continue
         both = _settled(model, found, _climbed(model, found, verdict.candidate.fit, names), verdict)
         if _needs_all(both, gains, needed):
             fitted[frozenset(names)] = both
-    if fitted:
-        best = max(fitted.values(), key=_gain)
-        for both in _of_other_kinds(model, found, best, firsts):
-            known = fitted.get(frozenset(both.names), both)
-            if _needs_all(both, gains, needed):
-                fitted[frozenset(both.names)] = max(both, known, key=_gain)
+    leads = [v.candidate.fit for v in verdicts[:1]] + [t.candidate.fit for t in fitted.values()]
+    lead = max(leads, key=height, default=found)
+    others = {frozenset(names): names for names in sets.values()}
+    for fit in _doing_as(model, found, lead, list(others.values())):
+        first = firsts[fit.hypothesis[len(found.hypothesis)]]
+        both = _settled(model, found, fit, first)
+        known = fitted.get(frozenset(both.names), both)
+        if _needs_all(both, gains, needed):
+            fitted[frozenset(both.names)] = max(both, known, key=_gain)
     return _simplest_first(model, sorted(fitted.values(), key=_gain, reverse=True))
 
 
@@ -93,24 +95,32 @@ def _needs_all(both: Twins, gains: Mapping[str, float], needed: Mapping[str, flo
     return is_more and not any(is_nothing(both.candidate.fit, name) for name in both.names)
 
 
-def _of_other_kinds(
-    model: Comparison, found: Fit, best: Twins, firsts: Mapping[str, Verdict]
-) -> list[Twins]:
-    """Other kinds at the ports of the best one, begun where they do what that one does.
+def _sets(
+    model: Comparison, firsts: Mapping[str, Verdict], most: int
+) -> dict[str, tuple[str, ...]]:
+    """By each effect, that effect and the same kind at other ports, if there are `most` at most."""
+    sets = {}
+    for name in firsts:
+        names = (name, *(n for n in model.ports_alike(name) if n in firsts))
+        if 1 < len(names) <= most:
+            sets[name] = names
+    return sets
+
+
+def _doing_as(
+    model: Comparison, found: Fit, lead: Fit, added: Sequence[tuple[str, ...]]
+) -> list[Fit]:
+    """Fits of those that come near to a lead, begun where they do what it does.
 
     At one port alone the true kind may gain next to nothing: a lag of one rotor turns the robot.
     """
-    ports = [name.partition("@")[2] for name in best.names]
-    kinds = [name.partition("@")[0] for name in firsts if name.endswith(f"@{ports[0]}")]
-    each = [tuple(f"{kind}@{port}" for port in ports) for kind in kinds]
-    others = [names for names in each if names != best.names and all(n in firsts for n in names)]
-    begun = doing_alike(model, found, best.candidate.fit, others)
-    least = found.objective + NEAR * (best.candidate.fit.objective - found.objective)
-    near = {names: fit for names, fit in begun.items() if height(fit) > least}
-    chosen = sorted(near, key=lambda names: -height(near[names]))[:_MOST]
-    fits = raced(model, found, [near[names] for names in chosen])
-    pairs = zip(chosen, fits, strict=True)
-    return [_settled(model, found, fit, firsts[names[0]]) for names, fit in pairs]
+    gained = lead.objective - found.objective
+    if not added or gained < RULES.least_nats:
+        return []
+    known = set(lead.hypothesis[len(found.hypothesis) :])
+    begun = doing_alike(model, found, lead, [names for names in added if set(names) != known])
+    near = [fit for fit in begun.values() if height(fit) > found.objective + NEAR * gained]
+    return raced(model, found, sorted(near, key=height, reverse=True)[:_MOST])
 
 
 def _simplest_first(model: Comparison, fitted: list[Twins]) -> list[Twins]:
