@@ -8,7 +8,7 @@ from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.columns import Delimited
-from wakedeploy.domains.tables.formats import delimited
+from wakedeploy.domains.tables.formats import seen_form as text
 from wakedeploy.domains.tables.log import Log, unreadable
 
 _FORMATS = {  # by how a name ends
@@ -59,7 +59,7 @@ def seen_form(path: Path) -> Delimited:
     """How a log that is a table of text is written, as far as it can be seen."""
     if _format(path) != "delimited":
         return Delimited()
-    return delimited.seen_form(path)
+    return text.seen_form(path)
 
 
 def is_log(path: Path) -> bool:

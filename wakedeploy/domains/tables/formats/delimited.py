@@ -19,8 +19,27 @@ from typing import IO
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, one_line
-from wakedeploy.core.units import is_known, same_unit
 from wakedeploy.domains.tables.columns import Delimited, Encoding
+from wakedeploy.domains.tables.formats.cells import (
+    BOOLEAN,
+    MISSING,
+    PARTING,
+    WITH_COMMA,
+    Row,
+    cells_of,
+    delimiter_of,
+    is_missing,
+    is_number,
+    is_number_or_absent,
+    is_row_of_numbers,
+    is_text,
+    numbers_in,
+    parted,
+    plain_number,
+    plain_unit,
+    thousands_mark,
+    written,
+)
 from wakedeploy.domains.tables.log import (
     MOST_BYTES,
     Clock,
@@ -35,273 +54,19 @@ from wakedeploy.domains.tables.log import (
 )
 
 _BLOCK = 1 << 15  # rows that are converted at once
-_LONGEST_LINE = 1 << 20
-_COMMENT = "#"  # what lines before a header begin with that are none of the table
-_COMMENTS = (_COMMENT, "%", "//", "!")  # that are looked for
+LONGEST_LINE = 1 << 20
+COMMENT = "#"  # what lines before a header begin with that are none of the table
 _MOST_BEFORE = 300  # lines in which a table begins
-_ROWS = 5  # that are a table
-_MOST_BELOW = 3  # rows between a header and the data
-_LOOKED_AT = 200  # rows that show how numbers are written
 _LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
 _OF_GZIP = zlib.MAX_WBITS | 16  # as zlib is told that there is a header of gzip
 _NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
-_WITH_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
-_WITHIN_NUMBER = re.compile(r"(?<=[0-9]),(?=[0-9])")
-_WITH_POINT = re.compile(_WITH_COMMA.pattern.replace(",", r"\.", 1))
-_GROUPED = {  # thousands that are parted, by what parts them
-    mark: re.compile(rf"[-+]?[1-9][0-9]{{0,2}}(?:{re.escape(mark)}[0-9]{{3}})+(?:{decimal}[0-9]+)?")
-    for mark, decimal in ((",", r"\."), (".", ","), ("'", "[.,]"))
-}
-_PARTING = re.compile(r"[-=_+]+|(?:float|double|int|uint|real)[0-9]*")
-_MISSING = {
-    *("", "nan", "-nan", "null", "none", "na", "n/a", "#n/a", "-", "--", "---"),
-    *("nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind"),  # as Windows prints it
-}
-_BOOLEAN = {"true": 1.0, "false": 0.0}
 _UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]*[^()\[\]0-9]+)[)\]]\s*$")
-_WITH_UNIT = re.compile(
-    r"(?P<number>[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>[^\d\s.,:;].*)"
-)
-
-
-Row = list[str]
 
 
 def open_log(path: Path, csv: Delimited) -> Log:
     """Open a delimited text."""
     require_size(path)
     return DelimitedLog(path, csv)
-
-
-def seen_form(path: Path) -> Delimited:
-    """How a text is written, as far as it is seen from its first rows and what lines begin with.
-
-    A comment before the header is left out in any case if it begins with #; any other is stated.
-    """
-    require_size(path)
-    try:
-        encoding = _seen_encoding(path)
-        with _opened(path, encoding) as file:
-            form = Delimited(comment=_stated_comment(file), encoding=encoding)
-        return _seen_in_rows(path, form)
-    except (OSError, EOFError, zlib.error, UnicodeError, UnusableInput):  # who reads it says so
-        return Delimited()
-
-
-def _seen_in_rows(path: Path, form: Delimited) -> Delimited:
-    """The form, with what stands before the table, its header, its units and its decimals."""
-    log = DelimitedLog(path, form)
-    rows = list(itertools.islice(log.rows(), _LOOKED_AT))
-    if rows and not _is_table(log.first, rows):
-        form = form.model_copy(update={"skip_rows": _lines_before(log.first_lines())})
-        log = DelimitedLog(path, form)
-        rows = list(itertools.islice(log.rows(), _LOOKED_AT))
-    if _have_units(rows):
-        form = form.model_copy(update={"units_in_cells": True})
-        rows = [[_parted(cell)[0] for cell in row] for row in rows]
-    if mark := _thousands(rows):
-        form = form.model_copy(update={"thousands": mark, "delimiter": log.delimiter})
-    if mark == "." or _has_decimal_commas([log.first, *rows]):
-        form = form.model_copy(update={"decimal": ",", "delimiter": log.delimiter})
-    if not rows:
-        return form
-    if _is_row_of_numbers(log.first, rows) or (form.skip_rows and _has_number(log.first)):
-        return form.model_copy(update={"header": False})
-    begin = _data_begin(rows)
-    has_units = _is_row_of_units(rows[0], rows[max(begin, 1) :])
-    return form.model_copy(update={"units_row": has_units, "more_rows": max(begin - has_units, 0)})
-
-
-def _lines_before(lines: Sequence[tuple[int, Row]]) -> int:
-    """How many lines stand before the header of the first rows that are a table; 0 if none are.
-
-    A table is five rows of one width, or all there are, in which one column holds numbers. The line
-    above is its header if it is as wide and holds none; below it units may stand.
-    """
-    for i, (number, cells) in enumerate(lines):
-        run, columns = 0, set(range(len(cells)))
-        for _, row in lines[i : i + _LOOKED_AT]:
-            columns = {c for c in columns if len(row) == len(cells) and _is_number_somehow(row[c])}
-            if not columns:
-                break
-            run += 1
-        if run < _ROWS and not (run > 1 and i + run >= len(lines) - 1):
-            continue
-        above = list[tuple[int, Row]]()
-        for line, row in reversed(lines[max(i - 1 - _MOST_BELOW, 0) : i]):
-            if len(row) != len(cells) or not any(row) or _has_number(row):
-                break
-            above.append((line, row))
-        numbers = [row for _, row in lines[i : i + run]]
-        return _header_of(above, numbers, number) - 1
-    return 0
-
-
-def _header_of(above: Sequence[tuple[int, Row]], numbers: Sequence[Row], first: int) -> int:
-    """The line of the names among lines `above` numbers, the lowest first; else the numbers' own.
-
-    Names stand above each column of numbers, or, where no line has as many, in the lowest line that
-    holds no units.
-    """
-    columns = _columns_of_numbers(numbers)
-    named = [(line, row) for line, row in above if not _is_row_of_units(row, numbers)]
-    whole = [line for line, row in named if all(row[i] for i in columns)]
-    return next(iter([*whole, *(line for line, _ in named)]), first)
-
-
-def _is_table(first: Row, rows: Sequence[Row]) -> bool:
-    """Whether rows are as wide as the first, and a column holds numbers, below its unit or not."""
-    if any(len(row) != len(first) for row in rows[:-1]):
-        return False
-    begin = _data_begin(rows)
-    return begin == 0 or (begin > 0 and _is_row_of_units(rows[0], rows[begin:]))
-
-
-def _data_begin(rows: Sequence[Row]) -> int:
-    """The first row of data; -1 where it is none of the first.
-
-    From it on a column holds numbers. A row that has only texts above numbers is none of it.
-    """
-    begin = next((k for k in range(1 + _MOST_BELOW) if _columns_of_numbers(rows[k:])), -1)
-    while 0 <= begin < min(_MOST_BELOW, len(rows) - 1):
-        numbers = [i for i in _columns_of_numbers(rows[begin + 1 :]) if i < len(rows[begin])]
-        cells = [rows[begin][i] for i in numbers]
-        if all(map(_is_missing, cells)) or any(map(_is_number_somehow, cells)):
-            break
-        begin += 1
-    return begin
-
-
-def _columns_of_numbers(rows: Sequence[Row]) -> list[int]:
-    """The columns that hold numbers, some of which may be missing."""
-    return [
-        i
-        for i in range(min(map(len, rows), default=0))
-        if any(_is_number_somehow(row[i]) for row in rows)
-        and all(_is_number_somehow(row[i]) or _is_missing(row[i]) for row in rows)
-    ]
-
-
-def _is_missing(cell: str) -> bool:
-    return cell.strip().lower() in _MISSING
-
-
-def _is_number_somehow(cell: str) -> bool:
-    """Whether it is a number, with a point or a comma before its decimals, or between thousands."""
-    plain = cell.strip().lower()
-    if plain in _MISSING:
-        return False
-    return _is_number(plain.replace(",", ".", 1)) or any(
-        grouped.fullmatch(plain) for grouped in _GROUPED.values()
-    )
-
-
-def _has_number(cells: Row) -> bool:
-    """Whether a cell is a number; columns may be called by their places: 0, 1, 2."""
-    return not _is_counted(cells) and any(map(_is_number_somehow, cells))
-
-
-def _is_counted(cells: Row) -> bool:
-    """Whether cells are 0, 1, 2, … or 1, 2, 3, …, as columns are called that have no names.
-
-    The first may be blank, as above the rows' own names.
-    """
-    texts = [cell.strip() for cell in cells]
-    named = texts[1:] if texts and not texts[0] else texts
-    return bool(named) and any(
-        named == [str(i + first) for i in range(len(named))] for first in (0, 1)
-    )
-
-
-def _is_row_of_numbers(cells: Row, rows: Sequence[Row]) -> bool:
-    """Whether a first row is one of the table's, not its header: numbers above all numbers.
-
-    Whole numbers above columns that all have decimals are names, as of years.
-    """
-    numbers = [i for i in _columns_of_numbers(rows) if i < len(cells)]
-    heads = [cells[i].strip() for i in numbers]
-    if _is_counted(cells) or _is_counted(heads) or not any(map(_is_number_somehow, heads)):
-        return False
-    if not all(_is_number_somehow(head) or _is_missing(head) for head in heads):
-        return False
-    if not cells[0].strip() and 0 in numbers:
-        return False  # the rows have a name each, and their names have none
-    are_whole = all(head.lstrip("+-").isdigit() for head in heads) and len({*heads}) == len(heads)
-    return not (are_whole and all(_has_decimals(rows, i) for i in numbers))
-
-
-def _has_decimals(rows: Sequence[Row], column: int) -> bool:
-    cells = [row[column].strip() for row in rows if column < len(row)]
-    return any(_is_number_somehow(cell) and not cell.lstrip("+-").isdigit() for cell in cells)
-
-
-def _is_row_of_units(cells: Row, below: Sequence[Row]) -> bool:
-    """Whether a row holds units and no number, above at least half of the columns of numbers.
-
-    A dash or an empty cell says that there is none; some may be unknown here. A line that parts
-    names from numbers, and the types of numbers, stand in the same place.
-    """
-    numbers = [i for i in _columns_of_numbers(below) if i < len(cells)]
-    if not numbers or _has_number(cells):
-        return False
-    if all(_PARTING.fullmatch(cells[i].strip().lower()) for i in numbers):
-        return True
-    texts = [_plain_unit(cell) for cell in cells]
-    known = [text for text in texts if text and is_known(text) and not same_unit(text, "1")]
-    return bool(known) and 2 * sum(bool(texts[i]) for i in numbers) >= len(numbers)
-
-
-def _plain_unit(cell: str) -> str:
-    """A unit without what it stands in: [m/s] and (m/s) are m/s, and - is none."""
-    return cell.strip().strip("[]()").strip().strip("-")
-
-
-def _has_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether numbers have commas before their decimals, and none has a point."""
-    cells = [cell.strip() for row in rows for cell in row]
-    return any(map(_WITH_COMMA.fullmatch, cells)) and not any(map(_WITH_POINT.fullmatch, cells))
-
-
-def _have_units(rows: Sequence[Row]) -> bool:
-    """Whether a column has one unit behind all of its numbers."""
-    columns = zip(*rows, strict=False)
-    units = [{_parted(cell)[1] for cell in cells if not _is_missing(cell)} for cells in columns]
-    return any(len(found) == 1 and is_known(*found) for found in units if "" not in found)
-
-
-def _parted(cell: str) -> tuple[str, str]:
-    """A number and the unit behind it; the cell itself and no unit where it is not both."""
-    match = _WITH_UNIT.fullmatch(cell.strip())
-    return (match["number"], match["unit"].strip()) if match else (cell, "")
-
-
-def _thousands(rows: Sequence[Row]) -> str | None:
-    """What parts the thousands of numbers; None where nothing does for certain.
-
-    A single comma may also stand before three decimals. It is certain where there are both marks or
-    two of one, and where no number has one mark elsewhere.
-    """
-    cells = {cell.strip() for row in rows for cell in row}
-    decimals = {",": _WITH_COMMA, ".": _WITH_POINT}
-    for mark, grouped in _GROUPED.items():
-        parted = {cell for cell in cells if grouped.fullmatch(cell)}
-        if mark not in decimals and parted:
-            return mark
-        is_certain = any(cell.count(mark) > 1 or {".", ","} <= {*cell} for cell in parted)
-        if is_certain and not any(map(decimals[mark].fullmatch, cells - parted)):
-            return mark
-    return None
-
-
-def _stated_comment(file: IO[str]) -> str | None:
-    is_table, size = False, 0
-    while (line := file.readline(_LONGEST_LINE)) and size <= MOST_BYTES:
-        size += len(line)
-        mark = next((mark for mark in _COMMENTS if line.startswith(mark)), None)
-        if mark is not None and (is_table or mark != _COMMENT):
-            return mark
-        is_table |= mark is None and bool(line.strip())
-    return None
 
 
 @dataclass(frozen=True)
@@ -332,14 +97,14 @@ class DelimitedLog:
         units = next(rows, (0, []))[1] if form.header and form.units_row else []
         rows = itertools.islice(rows, form.more_rows if form.header else 0, None)
         self._units = {
-            name: "" if _PARTING.fullmatch(unit.strip().lower()) else _plain_unit(unit)
+            name: "" if PARTING.fullmatch(unit.strip().lower()) else plain_unit(unit)
             for name, unit in zip(self._names, units, strict=False)
         }
         self._example = next(rows, (0, []))[1] if form.header else cells
         self._unit_behind = [
-            _parted(cell)[1] if form.units_in_cells else "" for cell in self._example
+            parted(cell)[1] if form.units_in_cells else "" for cell in self._example
         ]
-        self._lacks_header = form.header and _is_row_of_numbers(cells, [self._example])
+        self._lacks_header = form.header and is_row_of_numbers(cells, [self._example])
         if self._lacks_header:
             self.notes.append(
                 f"{path}: its first row, which holds numbers, was taken for names and left out; "
@@ -355,9 +120,9 @@ class DelimitedLog:
             text = text.removesuffix(behind).strip()
             match = _UNIT_IN_NAME.match(name)
             unit = self._units.get(name) or behind or (match["unit"] if match else None)
-            count = len(_numbers(text)) if text.startswith("[") else 0
+            count = len(numbers_in(text)) if text.startswith("[") else 0
             names = [f"{name}[{k}]" for k in range(count)] or [name]
-            value = None if not count and _is_text(text, self._form) else 0.0
+            value = None if not count and is_text(text, self._form) else 0.0
             found += [Field(address, unit=unit, example=value) for address in names]
         return found
 
@@ -388,13 +153,13 @@ class DelimitedLog:
 
     def first_lines(self) -> list[tuple[int, Row]]:
         """The first lines that are no comments, each parted by what is most often in it."""
-        marks = (self._form.comment or _COMMENT, _COMMENT)
+        marks = (self._form.comment or COMMENT, COMMENT)
         found = []
-        with _opened(self.path, self._form.encoding) as file:
+        with opened(self.path, self._form.encoding) as file:
             for number, line in itertools.islice(self._text_lines(file), _MOST_BEFORE):
                 if not line.startswith(marks):
-                    delimiter = self._form.delimiter or _delimiter(line)
-                    found.append((number, [cell.strip() for cell in _cells(line, delimiter)]))
+                    delimiter = self._form.delimiter or delimiter_of(line)
+                    found.append((number, [cell.strip() for cell in cells_of(line, delimiter)]))
         return found
 
     def uneven(self) -> UnusableInput | None:
@@ -408,7 +173,7 @@ class DelimitedLog:
 
     def line(self, number: int) -> str:
         """A line of the text, the first of which is 1, without its end."""
-        with _opened(self.path, self._form.encoding) as file:
+        with opened(self.path, self._form.encoding) as file:
             return next(itertools.islice(file, number - 1, None), "").strip()
 
     def place(self, address: str, index: int) -> str:
@@ -431,11 +196,11 @@ class DelimitedLog:
             reason = "is not there: the first row holds numbers, no names"
             advice = 'write [csv] header = false in columns.toml; "#1" is then the first column'
             raise refused(self.path, address, reason, advice)
-        other = _delimiter(self._names[0])
+        other = delimiter_of(self._names[0])
         if len(self._names) > 1 or other == self.delimiter or other not in self._names[0]:
             return
         reason = f"is not there: the header is one name, {self._names[0][:80]!r}"
-        advice = f'write [csv] delimiter = "{_written(other)}" in columns.toml'
+        advice = f'write [csv] delimiter = "{written(other)}" in columns.toml'
         raise refused(self.path, address, reason, advice)
 
     def _position(self, name: str) -> int | None:
@@ -496,11 +261,11 @@ class DelimitedLog:
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """Each row with the number of its line; the first one shows the delimiter."""
         try:
-            with _opened(self.path, self._form.encoding) as file:
+            with opened(self.path, self._form.encoding) as file:
                 parsed = self._parsed(self._from_header(self._text_lines(file)))
                 yield from self._evened(parsed)
         except UnicodeError as error:
-            seen = _seen_encoding(self.path)
+            seen = seen_encoding(self.path)
             is_same = seen.removesuffix("-sig") == self._form.encoding.removesuffix("-sig")
             other = "latin-1" if is_same else seen
             raise UnusableInput(
@@ -526,7 +291,7 @@ class DelimitedLog:
             names = names[:-1]
         yield number, names
         is_named = self._form.header and any(
-            not (_is_missing(name) or _is_number(name.strip())) for name in names
+            not (is_missing(name) or is_number(name.strip())) for name in names
         )
         self._again = list[int]()
         for number, row in itertools.chain(begin[1:], rows):
@@ -541,11 +306,11 @@ class DelimitedLog:
         """Lines below those to skip that are not blank, each with its number and with an end."""
         size = 0
         for number in range(1, MOST_BYTES):
-            line = file.readline(_LONGEST_LINE)
+            line = file.readline(LONGEST_LINE)
             size += len(line)
             if not line:
                 return
-            if len(line) == _LONGEST_LINE or size > MOST_BYTES:
+            if len(line) == LONGEST_LINE or size > MOST_BYTES:
                 raise ValueError(f"line {number} has no end, or the text none")
             if number > self._form.skip_rows and line.strip():
                 yield number, line
@@ -555,7 +320,7 @@ class DelimitedLog:
 
         A header may be such a comment itself: the last one, if it names what the first row holds.
         """
-        mark = self._form.comment or _COMMENT
+        mark = self._form.comment or COMMENT
         last: tuple[int, str] | None = None
         for number, line in lines:
             if line.startswith(mark):
@@ -573,10 +338,10 @@ class DelimitedLog:
 
     def _is_named_by(self, row: str, header: str) -> bool:
         """Whether a line holds numbers, and a comment before it as many names."""
-        delimiter = self._form.delimiter or _delimiter(header)
-        cells, names = (_cells(line, delimiter) for line in (row, header))
-        has_numbers = any(not _is_text(cell, self._form) for cell in cells if cell.strip())
-        is_of_names = all(name.strip() and _is_text(name, self._form) for name in names)
+        delimiter = self._form.delimiter or delimiter_of(header)
+        cells, names = (cells_of(line, delimiter) for line in (row, header))
+        has_numbers = any(not is_text(cell, self._form) for cell in cells if cell.strip())
+        is_of_names = all(name.strip() and is_text(name, self._form) for name in names)
         return has_numbers and is_of_names and len(cells) == len(names)
 
     def _parsed(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
@@ -584,7 +349,7 @@ class DelimitedLog:
         if first is None:
             return
         number, line = first
-        delimiter = self._form.delimiter or _delimiter(line)
+        delimiter = self._form.delimiter or delimiter_of(line)
         self.delimiter = delimiter
         if delimiter == " ":
             yield number, line.split()
@@ -608,7 +373,7 @@ class DelimitedLog:
         if behind := self._behind(cell.column):
             texts = [text.strip().removesuffix(behind).rstrip() for text in texts]
         if self._form.decimal == "," or self._form.thousands:
-            texts = [_plain(text, self._form) for text in texts]
+            texts = [plain_number(text, self._form) for text in texts]
         joined = "".join(texts)
         if joined.isascii() and "_" not in joined:
             try:
@@ -620,7 +385,7 @@ class DelimitedLog:
                 return np.array(array("d", map(float, texts)))
             except ValueError:
                 pass
-        if is_stamp and not all(map(_is_number_or_absent, texts)):
+        if is_stamp and not all(map(is_number_or_absent, texts)):
             return np.array([text.strip() for text in texts], dtype=object)
         first = len(self._lines) - len(texts)
         return np.array([self._number(cell, text, first + i) for i, text in enumerate(texts)])
@@ -628,30 +393,30 @@ class DelimitedLog:
     def _number(self, cell: _Cell, text: str, index: int) -> float:
         plain = text.strip()
         folded = plain.lower()
-        if folded in _MISSING:
+        if folded in MISSING:
             return float("nan")
-        if folded in _BOOLEAN:
-            return _BOOLEAN[folded]
-        if not _is_number(plain):
+        if folded in BOOLEAN:
+            return BOOLEAN[folded]
+        if not is_number(plain):
             reason = f"holds {plain[:40]!r} in line {self._lines[index]}, which is no number"
             raise refused(self.path, cell.address, reason, self._advice_on_text(plain))
         return float(plain)
 
     def _advice_on_text(self, cell: str) -> str:
         """What to do about a cell that is no number as the table is said to be written."""
-        if mark := _thousands([[cell]]):
+        if mark := thousands_mark([[cell]]):
             decimal = ' and decimal = ","' if mark == "." else ""
             return f'write [csv] thousands = "{mark}"{decimal} in columns.toml'
-        if self._form.decimal == "." and _WITH_COMMA.fullmatch(cell):
+        if self._form.decimal == "." and WITH_COMMA.fullmatch(cell):
             return (
                 'where numbers have commas before their decimals, write [csv] decimal = "," and'
-                f' delimiter = "{_written(self.delimiter)}" in columns.toml'
+                f' delimiter = "{written(self.delimiter)}" in columns.toml'
             )
         return "mend it, or leave the column out"
 
     def _element(self, cell: _Cell, text: str, index: int) -> str:
         """One number of a vector in a cell; blank where the cell is."""
-        numbers = _numbers(text)
+        numbers = numbers_in(text)
         if not numbers:
             return ""
         if cell.element is None or cell.element >= len(numbers):
@@ -676,7 +441,7 @@ class _Growing:
         return np.concatenate(self._parts)
 
 
-def _seen_encoding(path: Path) -> Encoding:
+def seen_encoding(path: Path) -> Encoding:
     """How a text is encoded, as far as its begin shows: Unicode, or else as Windows writes it."""
     try:
         with path.open("rb") as file:
@@ -694,61 +459,8 @@ def _seen_encoding(path: Path) -> Encoding:
     return "utf-8-sig"
 
 
-def _opened(path: Path, encoding: str) -> IO[str]:
+def opened(path: Path, encoding: str) -> IO[str]:
+    """A text, gzipped or not, with lines as they end in it."""
     if path.suffix.lower() == ".gz":
         return gzip.open(path, "rt", encoding=encoding, newline="")
     return path.open(encoding=encoding, newline="")
-
-
-def _delimiter(line: str) -> str:
-    """What separates the cells of a line: whatever is there most often, quoted text aside.
-
-    Beside a semicolon or a tab, a comma within a number stands before its decimals.
-    """
-    bare = re.sub(r'"[^"]*"', "", line)
-    if ";" in bare or "\t" in bare:
-        bare = _WITHIN_NUMBER.sub("", bare)
-    most = max(",;\t", key=bare.count)
-    return most if most in bare or len(bare.split()) < 2 else " "
-
-
-def _written(delimiter: str) -> str:
-    """A delimiter as TOML has it."""
-    return delimiter.replace("\t", r"\t")
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    """The cells of one line."""
-    if delimiter == " ":
-        return line.split()
-    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
-
-
-def _numbers(text: str) -> list[str]:
-    """The numbers of a vector in a cell: "[1, 2]", "(1 2)" or "1;2"."""
-    return re.split(r"[\s,;]+", inner) if (inner := text.strip().strip("[]()").strip()) else []
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return text.isascii() and "_" not in text
-
-
-def _is_number_or_absent(text: str) -> bool:
-    return text.strip().lower() in _MISSING or _is_number(text)
-
-
-def _plain(text: str, form: Delimited) -> str:
-    """A number as Python writes it, without marks between thousands; other texts as they are."""
-    mark = form.thousands
-    if mark is not None and _GROUPED[mark].fullmatch(text.strip()):
-        text = text.replace(mark, "")
-    return text.replace(",", ".") if form.decimal == "," else text
-
-
-def _is_text(text: str, form: Delimited) -> bool:
-    plain = _plain(text.strip().lower(), form)
-    return not (plain in _MISSING or plain in _BOOLEAN or _is_number(plain))
