@@ -1,5 +1,6 @@
 """Tables of text as instruments write them: no header, units below it, lines before it."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -287,12 +288,52 @@ def test_a_data_logger_says_below_the_units_how_each_column_was_sampled(tmp_path
     assert len(columns) == len(ROWS)
 
 
-@pytest.mark.parametrize("below", ["", "N\n", "-,N\n"])
-def test_a_row_that_has_a_number_is_data(below: str, tmp_path: Path) -> None:
-    """A sensor that begins late, whose first cell is a text."""
+@pytest.mark.parametrize("below", ["", "s,m,N\n"])
+@pytest.mark.parametrize("begin", ["0.0,init,1.0\n", "0.0,0.1,OVLD\n", "0.0,-,-\n0.05,OVLD,1\n"])
+def test_a_row_that_has_a_number_is_data(below: str, begin: str, tmp_path: Path) -> None:
+    """A sensor that begins late, whose first cells are texts; no row is lost."""
     path = tmp_path / "log.csv"
-    path.write_text("t,x,w\n0.0,init,1.0\n" + text(ROWS[1:], ","))
-    assert "more_rows" not in guess_columns(path)
+    path.write_text("t,x,w\n" + below + begin + text(ROWS[begin.count("\n") :], ","))
+    guessed, columns = read(path)
+    assert "more_rows" not in guessed
+    assert ("units_row = true" in guessed) == bool(below)
+    assert len(columns) == len(ROWS) - ("-,-" in begin)
+
+
+def test_a_row_of_data_that_more_rows_leaves_out_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "tunnel.dat"
+    rows = [f'"2024-01-01 10:00:{t:05.2f}",{k},{q:.5f},{u:.5f}' for k, (t, q, u) in enumerate(ROWS)]
+    path.write_text(LOGGER + "\n".join(rows) + "\n")
+    guessed = guess_columns(path)
+    assert "more_rows = 1  # ? left out: ',,Smp,Avg'" in guessed
+    columns = parse_columns(guessed.replace('"unused"', '"output"'))
+    assert not read_recordings([path], columns).notes
+    path.write_text(LOGGER.replace('"","","Smp","Avg"\n', "") + "\n".join(rows) + "\n")
+    notes = read_recordings([path], columns).notes
+    assert any("line 4 holds numbers and was left out, as more_rows" in note for note in notes)
+
+
+@pytest.mark.parametrize("names", ["t,x,w", "t,V,A", "time,rpm,volts", "Time,T,N"])
+@pytest.mark.parametrize("units", ["", "s,m,kPa\n"])
+def test_names_that_read_as_units_are_names(names: str, units: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"Logger X\n{names}\n{units}{NUMBERS}")
+    guessed, columns = read(path)
+    assert "skip_rows = 1" in guessed
+    assert all(f'column = "{name}"' in guessed for name in names.split(","))
+    assert ("units_row = true" in guessed) == bool(units)
+    if units:
+        assert columns == pytest.approx(ROWS[:, 1:] * [1.0, 1e3], rel=1e-3, abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("ax (m/s^2)", "m/s^2"), ("I [mm^4]", "mm^4"), ("p [kg m2]", "kg m2"), ("u[0]", "1")],
+)
+def test_a_unit_in_a_name_may_end_in_a_digit(name: str, unit: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,{name},w\n" + NUMBERS)
+    assert f'column = "{name}"\nrole = "unused"\nunit = "{unit}"' in guess_columns(path)
 
 
 @pytest.mark.parametrize(
@@ -361,42 +402,69 @@ def test_stamps_are_seen_as_the_worlds_programs_write_them(
 
 
 CAPTURE = (
-    "Format Version,1.23,Take Name,t1,\n\n,,Rigid Body,Rigid Body,Rigid Body\n"
-    ',,R1,R1,R1\n,,"A","A","A"\n,,Position,Position,Position\nFrame,Time (Seconds),X,Y,Z\n'
+    "Format Version,1.23,Take Name,t1,\n\n,Type,Rigid Body,Rigid Body,Rigid Body,Rigid Body\n"
+    ',Name,R1,R1,R1,R1\n,ID,"A1","A1","A1","A1"\n,,Rotation,Rotation,Position,Position\n'
+    "Frame,Time (Seconds),X,Y,X,Y\n"
 )
 
 
 def test_names_stand_above_every_column_of_numbers(tmp_path: Path) -> None:
-    """Motion capture: what a body is called may read as a unit, as that of a current."""
+    """Motion capture: what a body is called may read as a unit; columns are called alike."""
     path = tmp_path / "take.csv"
-    rows = [f"{k},{t:.5f},{q:.5f},{u:.5f},{q * u:.5f}" for k, (t, q, u) in enumerate(ROWS)]
+    rows = [f"{k},{t:.5f},{q:.5f},{u:.5f},{u:.5f},1" for k, (t, q, u) in enumerate(ROWS)]
     path.write_text(CAPTURE + "\n".join(rows) + "\n")
     guessed, columns = read(path)
     assert "skip_rows = 6" in guessed
     assert 'column = "Time (Seconds)"\nunit = "Seconds"' in guessed
+    assert 'column = "#3"' in guessed
     assert columns[:, 1:3] == pytest.approx(ROWS[:, 1:], abs=1e-5)
 
 
+@pytest.mark.parametrize("before", ["", "Logger X\nserial 7\n"])
 @pytest.mark.parametrize(("header", "row"), [("", ","), (",", ""), (",", ",")])
-def test_a_delimiter_at_the_end_makes_no_column(header: str, row: str, tmp_path: Path) -> None:
+def test_a_delimiter_at_the_end_makes_no_column(
+    before: str, header: str, row: str, tmp_path: Path
+) -> None:
     path = tmp_path / "log.csv"
-    path.write_text(f"t,x,w{header}\n" + text(ROWS, ",").replace("\n", row + "\n"))
+    path.write_text(f"{before}t,x,w{header}\n" + text(ROWS, ",").replace("\n", row + "\n"))
     guessed, columns = read(path)
     assert 'column = "w"' in guessed
     assert columns == pytest.approx(ROWS[:, 1:], abs=1e-5)
 
 
-def test_a_header_that_stands_again_begins_a_recording(tmp_path: Path) -> None:
+def test_a_line_that_ends_before_its_last_delimiter_is_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,x,w\n" + text(ROWS, ",").replace("\n", ",\n") + "3.0,0.5,")
+    columns = parse_columns(guess_columns(path).replace('"unused"', '"output"'))
+    result = read_recordings([path], columns)
+    assert [len(each.time_s) for each in result.recordings] == [len(ROWS)]
+    assert any("its last line is cut off" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("units", ["", "s,mm,N\n"])
+def test_a_header_that_stands_again_begins_a_recording(units: str, tmp_path: Path) -> None:
     """A logger that was switched on twice, into one file."""
     path = tmp_path / "log.csv"
-    path.write_text(2 * ("t,x,w\n" + text(ROWS, ",")))
+    path.write_text(2 * ("t,x,w\n" + units + text(ROWS, ",")))
     columns = parse_columns(guess_columns(path).replace('"unused"', '"output"'))
-    read_ = read_recordings([path], columns)
-    assert [len(each.time_s) for each in read_.recordings] == [len(ROWS)] * 2
-    assert any(f"its header stands again in line {len(ROWS) + 2}" in n for n in read_.notes)
+    result = read_recordings([path], columns)
+    assert [len(each.time_s) for each in result.recordings] == [len(ROWS)] * 2
+    line = len(ROWS) + 2 + bool(units)
+    assert any(f"its header stands again in line {line}" in note for note in result.notes)
 
 
-@pytest.mark.parametrize("cell", ["#N/A", "-", "--", "1.#QNAN", "-nan(ind)", "-nan"])
+def test_a_row_that_equals_a_header_of_numbers_is_data(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("0,1\n" + "0.5,1.5\n0,1\n" * 10)
+    stated = '[columns.q]\ncolumn = "1"\nrole = "output"\nunit = "1"\n'
+    columns = parse_columns("version = 1\n[time]\nrate_hz = 20\n" + stated)
+    (recording,) = read_recordings([path], columns).recordings
+    assert len(recording.time_s) == 20
+
+
+@pytest.mark.parametrize(
+    "cell", ["#N/A", "-", "--", "1.#QNAN", "-1.#IND00", "1.#QNAN0", "-nan(ind)", "-nan", "#DIV/0!"]
+)
 def test_what_programs_write_for_no_number_is_missing(cell: str, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     rows = text(ROWS, ",").splitlines()
@@ -420,8 +488,74 @@ def test_units_may_stand_behind_numbers(odd: str | None, tmp_path: Path) -> None
     if odd:
         path.write_text("Time,x\n" + "\n".join([*rows, f"{odd},0.0 mm"]) + "\n")
         stated = parse_columns(guessed.replace('"unused"', '"output"'))
-        with pytest.raises(UnusableInput, match=r"'Time' holds texts"):
+        with pytest.raises(UnusableInput, match=f"holds '{odd}' in line 62, and others end in sec"):
             read_recordings([path], stated)
+
+
+def test_units_behind_stamps_are_compared_between_files(tmp_path: Path) -> None:
+    """A timetable has seconds or minutes, as its writer chose for that one."""
+    paths = [tmp_path / f"{name}.csv" for name in ("first", "second", "bare")]
+    for path, unit in zip(paths, (" sec", " min", ""), strict=True):
+        rows = [f"{t:.2f}{unit},{x:.5f}{' mm' if unit else ''}" for t, x in ROWS[:, :2]]
+        path.write_text("Time,x\n" + "\n".join(rows) + "\n")
+    columns = parse_columns(guess_columns(paths[0]).replace('"unused"', '"output"'))
+    with pytest.raises(UnusableInput, match=r"second.*'Time' has numbers in min, and .* says sec"):
+        read_recordings(paths[:2], columns)
+    with pytest.raises(UnusableInput, match=r"bare.*no unit behind a number"):
+        read_recordings([paths[0], paths[2]], columns)
+
+
+@pytest.mark.parametrize("stamp", ["2024-01-13 10:00:{:06.3f}", "13/01/2024 10:00:{:06.3f}"])
+def test_dates_stand_beside_units_behind_numbers(stamp: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{stamp.format(t)},{x:.5f} mm,7-8,0x1F,71.7W,6S" for t, x in ROWS[:, :2]]
+    path.write_text("when,x,id,flags,place,cells\n" + "\n".join(rows) + "\n")
+    guessed, columns = read(path)
+    assert 'column = "when"\nformat = ' in guessed
+    assert columns[:, 0] == pytest.approx(ROWS[:, 1] * 1e-3, abs=1e-8)
+    assert columns.shape[1] == 1  # the others are texts
+
+
+def test_units_behind_numbers_hinder_no_table_without_a_header(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f"{t:.2f} s,{x:.5f} mm\n" for t, x in ROWS[:, :2]))
+    guessed, columns = read(path)
+    assert "header = false" in guessed
+    assert len(columns) == len(ROWS)
+
+
+@pytest.mark.parametrize("cells", ["100,200,300", "192.168.100.200", "1.100.200"])
+def test_lists_and_addresses_part_no_thousands(cells: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f'{t:.2f},{k},"{cells}"' for k, t in enumerate(ROWS[:, 0])]
+    path.write_text("t,n,which\n" + "\n".join(rows) + "\n")
+    assert "[csv]" not in guess_columns(path)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "form"),
+    [
+        (("03/04/2024 23:59:{:02d}", "03/05/2024 00:00:{:02d}"), "%m/%d/%Y %H:%M:%S"),
+        (("04/03/2024 23:59:{:02d}", "05/03/2024 00:00:{:02d}"), "%d/%m/%Y %H:%M:%S"),
+        (("10:00:00:{:02d}", "10:00:01:{:02d}"), None),  # frames, or hundredths, or milliseconds
+    ],
+)
+def test_day_month_and_frames_are_not_taken_for_each_other(stamps, form, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    texts = [stamp.format(k) for stamp in stamps for k in range(20)]
+    path.write_text("when,x\n" + "\n".join(f"{text},{k * k}" for k, text in enumerate(texts)))
+    guessed = guess_columns(path)
+    assert (f'format = "{form}"' in guessed) if form else ("format" not in guessed)
+
+
+@pytest.mark.parametrize("cell", ["9" * 16_000, "(" + "a" * 16_000])
+def test_long_cells_take_no_time(cell: str, tmp_path: Path) -> None:
+    """The search for a unit must not try every length at every place."""
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,x,{cell}\n" + "".join(f"{t},{x},{cell}\n" for t, x in ROWS[:, :2]))
+    begun = time.process_time()
+    guess_columns(path)
+    assert time.process_time() - begun < 2.0
 
 
 @pytest.mark.parametrize("begin", [b"FMT, 128, 89, FMT, BBnNZ, Type\n", b"\xa3\x95\x80\x80"])

@@ -21,6 +21,7 @@ from wakedeploy.domains.tables.diagnosis import (
     require_common_time,
     require_likely_rate,
 )
+from wakedeploy.domains.tables.formats.delimited import DelimitedLog
 from wakedeploy.domains.tables.log import Clock, Log, Values, require_size
 from wakedeploy.domains.tables.log_kinds import is_log, open_log
 from wakedeploy.domains.tables.orientation import angle_of
@@ -133,7 +134,13 @@ class FileReader:
     def _place(self, wanted: Wanted) -> Place:
         column = wanted.column
         log = self._log(column.file)
-        return Place(log, column.address, self._clock_for(column, log), column.addresses)
+        clock = self._clock_for(column, log)
+        if isinstance(log, DelimitedLog):
+            for address in column.addresses if column.column is not None else ():
+                log.require_unit(address, column.unit)
+            if clock is not None and self.columns.time.format is None:
+                log.require_unit(clock.address, clock.unit)
+        return Place(log, column.address, clock, column.addresses)
 
     def _clock_for(self, column: Column, log: Log) -> Clock | None:
         """The clock of a column; None for a stated rate."""

@@ -232,6 +232,9 @@ def _doubts(form: Delimited, log: Log) -> dict[str, str]:
         doubts["thousands"] = f"  # ? 1{mark}000 is read as a thousand"
     if form.units_in_cells:
         doubts["units_in_cells"] = "  # ? cells say their unit, which is taken from the first row"
+    if form.more_rows and isinstance(log, DelimitedLog):
+        rows = "; ".join(log.delimiter.join(row) for _, row in log.left_out)[:_QUOTED]
+        doubts["more_rows"] = f"  # ? left out: {plain_line(rows)!r}"
     if not form.header:
         doubts["header"] = "  # ? its first row holds numbers, no names"
     if form.skip_rows and isinstance(log, DelimitedLog):
@@ -304,6 +307,10 @@ def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
     if uneven := next(filter(None, (table.uneven() for table in tables)), None):
         return uneven
     unread = next((field for file in files for field in file.log.fields() if field.unread), None)
+    texts = [f"{name}: {said}" for file in files for name, said in file.left_out.items()]
+    nearly = next((said for said in texts if "mend" in said), None)
+    if nearly is not None:
+        return UnusableInput(f"{path}: holds no column of numbers; {' '.join(nearly.split())}.")
     if unread is None:
         return UnusableInput(
             f"{path}: holds no column of numbers; give another file, or a table of text a "

@@ -6,6 +6,7 @@ In: a log. Out: a `Timing`: lines for [time] of a first `columns.toml`, and the 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ _FEW_FALLS, _LONG_RUN = 5, 100  # of a clock that begins again; more falls have 
 _TIMES = (
     "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S,%f", "%H:%M:%S:%f", "%I:%M:%S.%f %p", "%I:%M:%S %p",
 )  # fmt: skip
+_MOST_STAMPS, _FEWEST_DIGITS = 200, 3
 _DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y")
 _FORMS = ("iso", *(f"{day} {time}" for day in _DAYS for time in _TIMES), *_TIMES)
 _RATE_NAMES, _STEP_NAMES = ("fs", "rate", "rate_hz", "sample_rate", "f_s"), ("ts", "dt", "t_s")
@@ -334,19 +336,31 @@ def _first_number(log: Log, field: Field) -> float | None:
 
 
 def _form(values: Values) -> str | None:
-    from datetime import datetime
+    """How stamps are written: of two orders of day and month, the one in which they last less."""
+    texts = [str(v) for v in values[:: max(len(values) // _MOST_STAMPS, 1)]] + [str(values[-1])]
+    spans = {form: _span_s(texts, form) for form in _FORMS}
+    found = {form: span for form, span in spans.items() if span is not None}
+    return min(found, key=lambda form: found[form], default=None)
 
-    for form in _FORMS:
-        try:
-            for text in (str(values[0]), str(values[-1])):
-                if form == "iso":
-                    datetime.fromisoformat(text)
-                else:
-                    datetime.strptime(text, form)
-        except ValueError:
-            continue
-        return form
-    return None
+
+def _span_s(texts: Sequence[str], form: str) -> float | None:
+    """From the first of these stamps to the last [s]; None where one is not written so.
+
+    Digits behind a colon or a comma are a share of a second only where they are three or more of
+    one width: 10:00:00:24 is a frame, and :20 may be 20 ms.
+    """
+    if form.endswith((":%f", ",%f")):
+        ends = {len(re.split("[:,]", text)[-1]) for text in texts}
+        if len(ends) > 1 or min(ends) < _FEWEST_DIGITS:
+            return None
+    try:
+        at = [
+            datetime.fromisoformat(text) if form == "iso" else datetime.strptime(text, form)
+            for text in texts
+        ]
+        return abs((max(at) - min(at)).total_seconds())
+    except (ValueError, TypeError):  # a zone here and none there
+        return None
 
 
 def _never(reason: str, advice: str) -> UnusableInput:

@@ -9,12 +9,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.formats.cells import BOOLEAN, is_missing
 from wakedeploy.domains.tables.guess_clock import MOST_COLUMNS, plain_line
 from wakedeploy.domains.tables.log import Field, Log, Values
 from wakedeploy.domains.tables.stamps import as_floats
 
 _NEARLY = 0.5  # the share of numbers from which on text is a mistake in some cells
-_ABSENT = {"", "nan", "null", "none", "na", "n/a", "true", "false"}  # is no text among numbers
 _AGAIN = ", and guess again"
 _LONGEST = 40  # letters of a cell that are shown
 
@@ -79,7 +79,7 @@ def _on_texts(log: Log, name: str, cells: Values) -> str:
     if cells.dtype != object:
         return _on_numbers(cells) if len(cells) > 1 else ""
     numbers = np.array([_is_number(cell) for cell in cells])
-    is_text = ~numbers & np.array([str(cell).strip().lower() not in _ABSENT for cell in cells])
+    is_text = ~numbers & np.array([not _is_none(str(cell)) for cell in cells])
     if not is_text.any():
         return "no number in any row"
     at = int(np.argmax(is_text))
@@ -93,6 +93,11 @@ def _on_texts(log: Log, name: str, cells: Values) -> str:
         f"{count} of {len(cells)} rows hold text, the first {first}; mend those cells, or empty"
         f" them{_AGAIN}"
     )
+
+
+def _is_none(cell: str) -> bool:
+    """Whether a cell is no text among numbers: it has no number, or a truth value."""
+    return is_missing(cell) or cell.strip().lower() in BOOLEAN
 
 
 def _is_number(cell: object) -> bool:

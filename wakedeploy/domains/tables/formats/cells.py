@@ -18,20 +18,24 @@ _GROUPED = {  # thousands that are parted, by what parts them
     for mark, decimal in ((",", r"\."), (".", ","), ("'", "[.,]"))
 }
 PARTING = re.compile(r"[-=_+]+|(?:float|double|int|uint|real)[0-9]*")
-MISSING = {
-    *("", "nan", "-nan", "null", "none", "na", "n/a", "#n/a", "-", "--", "---"),
-    *("nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind"),  # as Windows prints it
+_MISSING = {
+    *("", "nan", "-nan", "null", "none", "na", "n/a", "-", "--", "---", "nan(ind)", "-nan(ind)"),
+    *("#n/a", "#nv", "#value!", "#num!", "#div/0!", "#ref!", "#name?", "#null!"),  # of spreadsheets
 }
+_MISSING_ON_WINDOWS = re.compile(r"-?1\.#(?:qnan|snan|ind)0*")
+_AS_DATA = re.compile(r"[-+.,(\[]*[0-9]")
 BOOLEAN = {"true": 1.0, "false": 0.0}
 _WITH_UNIT = re.compile(
-    r"(?P<number>[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>[^\d\s.,:;].*)"
+    r"(?P<number>[-+]?[0-9.,']*[0-9](?:[eE][-+]?[0-9]+)?)(?P<space>\s*)(?P<unit>[A-Za-z%°µμΩ].*)"
 )
+_LONGEST_WITH_UNIT = 64  # letters of a cell
 Row = list[str]
 
 
 def is_missing(cell: str) -> bool:
     """Whether it says that there is no number."""
-    return cell.strip().lower() in MISSING
+    plain = cell.strip().lower()
+    return plain in _MISSING or bool(_MISSING_ON_WINDOWS.fullmatch(plain))
 
 
 def is_number(text: str) -> bool:
@@ -46,7 +50,7 @@ def is_number(text: str) -> bool:
 def is_number_somehow(cell: str) -> bool:
     """Whether it is a number, with a point or a comma before its decimals, or between thousands."""
     plain = cell.strip().lower()
-    if plain in MISSING:
+    if is_missing(plain):
         return False
     return is_number(plain.replace(",", ".", 1)) or any(
         grouped.fullmatch(plain) for grouped in _GROUPED.values()
@@ -55,19 +59,21 @@ def is_number_somehow(cell: str) -> bool:
 
 def is_number_or_absent(text: str) -> bool:
     """Whether it is a number, or says that there is none."""
-    return text.strip().lower() in MISSING or is_number(text)
+    return is_missing(text) or is_number(text)
 
 
 def is_text(text: str, form: Delimited) -> bool:
     """Whether it is neither a number, as the table writes them, nor a truth value."""
     plain = plain_number(text.strip().lower(), form)
-    return not (plain in MISSING or plain in BOOLEAN or is_number(plain))
+    return not (is_missing(plain) or plain in BOOLEAN or is_number(plain))
 
 
 def plain_number(text: str, form: Delimited) -> str:
     """A number as Python writes it, without marks between thousands; other texts as they are."""
     mark = form.thousands
-    if mark is not None and _GROUPED[mark].fullmatch(text.strip()):
+    if mark is not None and mark in text:
+        if not _GROUPED[mark].fullmatch(text.strip()):
+            return text  # 1.21 where points part thousands: no number
         text = text.replace(mark, "")
     return text.replace(",", ".") if form.decimal == "," else text
 
@@ -78,9 +84,17 @@ def numbers_in(text: str) -> list[str]:
 
 
 def parted(cell: str) -> tuple[str, str]:
-    """A number and the unit behind it; the cell itself and no unit where it is not both."""
-    match = _WITH_UNIT.fullmatch(cell.strip())
-    return (match["number"], match["unit"].strip()) if match else (cell, "")
+    """A number and the unit behind it; the cell itself and no unit where it is not both.
+
+    A single letter is a unit only after a space: 71.7W is west, and 6S has six cells.
+    """
+    text = cell.strip()
+    match = _WITH_UNIT.fullmatch(text) if len(text) <= _LONGEST_WITH_UNIT else None
+    if match is None:
+        return cell, ""
+    unit = match["unit"].strip()
+    is_unit = is_known(unit) and (len(unit) > 1 or bool(match["space"]) or not unit.isalpha())
+    return (match["number"], unit) if is_unit else (cell, "")
 
 
 def plain_unit(cell: str) -> str:
@@ -187,22 +201,39 @@ def have_units(rows: Sequence[Row]) -> bool:
     """Whether a column has one unit behind all of its numbers."""
     columns = zip(*rows, strict=False)
     units = [{parted(cell)[1] for cell in cells if not is_missing(cell)} for cells in columns]
-    return any(len(found) == 1 and is_known(*found) for found in units if "" not in found)
+    return any(len(found) == 1 for found in units if "" not in found)
 
 
-def thousands_mark(rows: Sequence[Row]) -> str | None:
+def thousands_mark(rows: Sequence[Row], delimiter: str) -> str | None:
     """What parts the thousands of numbers; None where nothing does for certain.
 
-    A single comma may also stand before three decimals. It is certain where there are both marks or
-    two of one, and where no number has one mark elsewhere.
+    A single comma may also stand before three decimals, and 1.100.200 be a version. It is certain
+    in a column of numbers that have both marks, or that are parted now once and now twice. Where
+    commas part the cells, they do not stand before decimals.
     """
-    cells = {cell.strip() for row in rows for cell in row}
-    decimals = {",": WITH_COMMA, ".": _WITH_POINT}
+    columns = [[cell.strip() for cell in cells] for cells in zip(*rows, strict=False)]
     for mark, grouped in _GROUPED.items():
-        parted = {cell for cell in cells if grouped.fullmatch(cell)}
-        if mark not in decimals and parted:
-            return mark
-        is_certain = any(cell.count(mark) > 1 or {".", ","} <= {*cell} for cell in parted)
-        if is_certain and not any(map(decimals[mark].fullmatch, cells - parted)):
+        if mark == "." and delimiter == ",":
+            continue
+        if any(_is_parted(cells, mark, grouped) for cells in columns):
             return mark
     return None
+
+
+def _is_parted(cells: Sequence[str], mark: str, grouped: re.Pattern[str]) -> bool:
+    """Whether a mark surely parts the thousands of a column's numbers."""
+    there = [cell for cell in cells if not is_missing(cell)]
+    parted_ones = [cell for cell in there if mark in cell]
+    others = [cell for cell in there if mark not in cell]
+    if not parted_ones or not all(map(grouped.fullmatch, parted_ones)):
+        return False
+    if not all(is_number(cell.replace(",", ".")) for cell in others):
+        return False
+    has_both = mark == "'" or any({".", ","} <= {*cell} for cell in parted_ones)
+    return has_both or len({cell.count(mark) for cell in parted_ones}) > 1
+
+
+def begins_as_data(cell: str) -> bool:
+    """Whether a cell begins as a number, a date, a vector or a truth value does."""
+    plain = cell.strip().lower()
+    return plain in BOOLEAN or bool(_AS_DATA.match(plain)) or (bool(plain) and is_missing(plain))

@@ -19,15 +19,17 @@ from typing import IO
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.units import same_unit
 from wakedeploy.domains.tables.columns import Delimited, Encoding
 from wakedeploy.domains.tables.formats.cells import (
     BOOLEAN,
-    MISSING,
     PARTING,
     WITH_COMMA,
     Row,
+    begins_as_data,
     cells_of,
     delimiter_of,
+    has_number,
     is_missing,
     is_number,
     is_number_or_absent,
@@ -57,10 +59,11 @@ _BLOCK = 1 << 15  # rows that are converted at once
 LONGEST_LINE = 1 << 20
 COMMENT = "#"  # what lines before a header begin with that are none of the table
 _MOST_BEFORE = 300  # lines in which a table begins
+_LONGEST_UNIT = 60  # letters at the end of a name that may be one
 _LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
 _OF_GZIP = zlib.MAX_WBITS | 16  # as zlib is told that there is a header of gzip
 _NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
-_UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]*[^()\[\]0-9]+)[)\]]\s*$")
+_UNIT_IN_NAME = re.compile(r"[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
 
 
 def open_log(path: Path, csv: Delimited) -> Log:
@@ -95,7 +98,8 @@ class DelimitedLog:
         named = [cell.strip() for cell in cells] if form.header else [""] * len(cells)
         self._names = [name or f"#{i}" for i, name in enumerate(named, 1)]
         units = next(rows, (0, []))[1] if form.header and form.units_row else []
-        rows = itertools.islice(rows, form.more_rows if form.header else 0, None)
+        count = form.more_rows if form.header else 0
+        self.left_out = list(itertools.islice(rows, count))
         self._units = {
             name: "" if PARTING.fullmatch(unit.strip().lower()) else plain_unit(unit)
             for name, unit in zip(self._names, units, strict=False)
@@ -104,7 +108,15 @@ class DelimitedLog:
         self._unit_behind = [
             parted(cell)[1] if form.units_in_cells else "" for cell in self._example
         ]
-        self._lacks_header = form.header and is_row_of_numbers(cells, [self._example])
+        numbers = [self._bare(cell) for cell in self._example]
+        self._lacks_header = form.header and is_row_of_numbers(
+            [self._bare(cell) for cell in cells], [numbers]
+        )
+        self.notes += [
+            f"{path}: line {line} holds numbers and was left out, as more_rows in [csv] says"
+            for line, row in self.left_out
+            if has_number(row)
+        ]
         if self._lacks_header:
             self.notes.append(
                 f"{path}: its first row, which holds numbers, was taken for names and left out; "
@@ -115,12 +127,11 @@ class DelimitedLog:
         """Every column, vectors number by number."""
         found = []
         for i, name in enumerate(self._names):
-            text = self._example[i].strip() if i < len(self._example) else ""
-            behind = self._behind(i)
-            text = text.removesuffix(behind).strip()
-            match = _UNIT_IN_NAME.match(name)
-            unit = self._units.get(name) or behind or (match["unit"] if match else None)
+            text = self._bare(self._example[i]).strip() if i < len(self._example) else ""
+            unit = self._units.get(name) or self._behind(i) or _unit_in(name)
             count = len(numbers_in(text)) if text.startswith("[") else 0
+            if self._names.count(name) > 1:  # X of a position, and X of a rotation
+                name = f"#{i + 1}"
             names = [f"{name}[{k}]" for k in range(count)] or [name]
             value = None if not count and is_text(text, self._form) else 0.0
             found += [Field(address, unit=unit, example=value) for address in names]
@@ -246,6 +257,10 @@ class DelimitedLog:
         """The unit behind the numbers of a column, if they have one there."""
         return self._unit_behind[column] if column < len(self._unit_behind) else ""
 
+    def _bare(self, cell: str) -> str:
+        """A cell without a unit behind its number."""
+        return parted(cell)[0] if self._form.units_in_cells else cell
+
     @property
     def _above_data(self) -> int:
         """Rows of the header, of the units and of what else stands above the data."""
@@ -281,7 +296,7 @@ class DelimitedLog:
     def _evened(self, rows: Iterator[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:
         """Rows without the blank cell that a delimiter at their end makes, and the header once.
 
-        Some loggers write the header again whenever they start.
+        Some loggers write the header again whenever they start, and the units below it.
         """
         begin = list(itertools.islice(rows, 2))
         if not begin:
@@ -293,12 +308,16 @@ class DelimitedLog:
         is_named = self._form.header and any(
             not (is_missing(name) or is_number(name.strip())) for name in names
         )
-        self._again = list[int]()
+        self._again, is_longer = list[int](), False
         for number, row in itertools.chain(begin[1:], rows):
-            if len(row) == len(names) + 1 and not row[-1].strip():
-                row = row[:-1]
+            if not row[-1].strip() and len(row) == len(names) + 1:
+                row, is_longer = row[:-1], True
+            elif not row[-1].strip() and len(row) == len(names) and is_longer:
+                row = row[:-1]  # the others have one more delimiter: it is cut off
             if is_named and row == names:
                 self._again.append(number)
+            elif self._again and row == begin[1][1] and not any(map(begins_as_data, row)):
+                continue
             else:
                 yield number, row
 
@@ -371,7 +390,8 @@ class DelimitedLog:
         if cell.element is not None:
             texts = [self._element(cell, text, i) for i, text in enumerate(texts)]
         if behind := self._behind(cell.column):
-            texts = [text.strip().removesuffix(behind).rstrip() for text in texts]
+            first = len(self._lines) - len(texts)
+            texts = [self._without(behind, cell, text, first + i) for i, text in enumerate(texts)]
         if self._form.decimal == "," or self._form.thousands:
             texts = [plain_number(text, self._form) for text in texts]
         joined = "".join(texts)
@@ -393,7 +413,7 @@ class DelimitedLog:
     def _number(self, cell: _Cell, text: str, index: int) -> float:
         plain = text.strip()
         folded = plain.lower()
-        if folded in MISSING:
+        if is_missing(plain):
             return float("nan")
         if folded in BOOLEAN:
             return BOOLEAN[folded]
@@ -402,9 +422,33 @@ class DelimitedLog:
             raise refused(self.path, cell.address, reason, self._advice_on_text(plain))
         return float(plain)
 
+    def _without(self, unit: str, cell: _Cell, text: str, index: int) -> str:
+        """A number without the unit behind it; UnusableInput where it has none or another."""
+        bare = text.strip()
+        if is_missing(bare):
+            return bare
+        if not bare.endswith(unit) or parted(bare)[1] != unit:
+            reason = f"holds {bare[:40]!r} in line {self._lines[index]}, and others end in {unit}"
+            raise refused(self.path, cell.address, reason, "mend it, or leave the column out")
+        return bare.removesuffix(unit).rstrip()
+
+    def require_unit(self, address: str, unit: str) -> None:
+        """UnusableInput where the numbers of a column have another unit behind them."""
+        if not self._form.units_in_cells:
+            return
+        if not any(self._unit_behind):
+            raise UnusableInput(
+                f"{self.path}: has no unit behind a number, and [csv] units_in_cells says that it "
+                "has; give it a columns.toml of its own."
+            )
+        behind = self._behind(self._cell(address).column)
+        if behind and not same_unit(behind, unit):
+            reason = f"has numbers in {behind}, and columns.toml says {unit}"
+            raise refused(self.path, address, reason, "give it a columns.toml of its own")
+
     def _advice_on_text(self, cell: str) -> str:
         """What to do about a cell that is no number as the table is said to be written."""
-        if mark := thousands_mark([[cell]]):
+        if mark := thousands_mark([[cell]], self.delimiter):
             decimal = ' and decimal = ","' if mark == "." else ""
             return f'write [csv] thousands = "{mark}"{decimal} in columns.toml'
         if self._form.decimal == "." and WITH_COMMA.fullmatch(cell):
@@ -439,6 +483,12 @@ class _Growing:
         if any(part.dtype == object for part in self._parts):
             return np.concatenate([part.astype(object) for part in self._parts])
         return np.concatenate(self._parts)
+
+
+def _unit_in(name: str) -> str | None:
+    """The unit in brackets at the end of a name; x[0] has none."""
+    match = _UNIT_IN_NAME.search(name[-_LONGEST_UNIT:])
+    return None if match is None or match["unit"].strip().isdigit() else match["unit"]
 
 
 def seen_encoding(path: Path) -> Encoding:

@@ -14,11 +14,11 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.columns import Delimited
 from wakedeploy.domains.tables.formats.cells import (
     Row,
+    begins_as_data,
     columns_of_numbers,
     has_decimal_commas,
     has_number,
     have_units,
-    is_missing,
     is_number_somehow,
     is_row_of_numbers,
     is_row_of_units,
@@ -63,19 +63,20 @@ def _seen_in_rows(path: Path, form: Delimited) -> Delimited:
         form = form.model_copy(update={"skip_rows": _lines_before(log.first_lines())})
         log = DelimitedLog(path, form)
         rows = list(itertools.islice(log.rows(), _LOOKED_AT))
+    first = log.first
     if have_units(rows):
         form = form.model_copy(update={"units_in_cells": True})
-        rows = [[parted(cell)[0] for cell in row] for row in rows]
-    if mark := thousands_mark(rows):
+        first, *rows = ([parted(cell)[0] for cell in row] for row in [first, *rows])
+    if mark := thousands_mark(rows, log.delimiter):
         form = form.model_copy(update={"thousands": mark, "delimiter": log.delimiter})
-    if mark == "." or has_decimal_commas([log.first, *rows]):
+    if mark == "." or has_decimal_commas([first, *rows]):
         form = form.model_copy(update={"decimal": ",", "delimiter": log.delimiter})
     if not rows:
         return form
-    if is_row_of_numbers(log.first, rows) or (form.skip_rows and has_number(log.first)):
+    if is_row_of_numbers(first, rows) or (form.skip_rows and has_number(first)):
         return form.model_copy(update={"header": False})
     begin = _data_begin(rows)
-    has_units = is_row_of_units(rows[0], rows[max(begin, 1) :])
+    has_units = is_row_of_units(rows[0], _surely_data(rows))
     return form.model_copy(update={"units_row": has_units, "more_rows": max(begin - has_units, 0)})
 
 
@@ -88,7 +89,8 @@ def _lines_before(lines: Sequence[tuple[int, Row]]) -> int:
     for i, (number, cells) in enumerate(lines):
         run, columns = 0, set(range(len(cells)))
         for _, row in lines[i : i + _LOOKED_AT]:
-            columns = {c for c in columns if len(row) == len(cells) and is_number_somehow(row[c])}
+            kept = columns if _are_as_wide(row, cells) else ()
+            columns = {c for c in kept if c < len(row) and is_number_somehow(row[c])}
             if not columns:
                 break
             run += 1
@@ -96,7 +98,7 @@ def _lines_before(lines: Sequence[tuple[int, Row]]) -> int:
             continue
         above = list[tuple[int, Row]]()
         for line, row in reversed(lines[max(i - 1 - _MOST_BELOW, 0) : i]):
-            if len(row) != len(cells) or not any(row) or has_number(row):
+            if not _are_as_wide(row, cells) or not any(row) or has_number(row):
                 break
             above.append((line, row))
         numbers = [row for _, row in lines[i : i + run]]
@@ -104,39 +106,53 @@ def _lines_before(lines: Sequence[tuple[int, Row]]) -> int:
     return 0
 
 
+def _are_as_wide(row: Row, other: Row) -> bool:
+    """Whether two rows have as many cells, but for a blank one that a delimiter at an end makes."""
+    shorter, longer = sorted((row, other), key=len)
+    return len(longer) == len(shorter) or (len(longer) == len(shorter) + 1 and not longer[-1])
+
+
 def _header_of(above: Sequence[tuple[int, Row]], numbers: Sequence[Row], first: int) -> int:
     """The line of the names among lines `above` numbers, the lowest first; else the numbers' own.
 
-    Names stand above each column of numbers, or, where no line has as many, in the lowest line that
-    holds no units.
+    Names stand right above units, and above each column of numbers but the first, which may be the
+    rows' own. Names may read as units do, as t, V and A; then nothing that is whole is above them.
+    What several columns are of, as a body of motion capture, is no name of theirs.
     """
-    columns = columns_of_numbers(numbers)
-    named = [(line, row) for line, row in above if not is_row_of_units(row, numbers)]
-    whole = [line for line, row in named if all(row[i] for i in columns)]
-    return next(iter([*whole, *(line for line, _ in named)]), first)
+    columns = [i for i in columns_of_numbers(numbers) if i > 0]
+    whole = [all(row[i : i + 1] != [""] for i in columns) for _, row in above]
+    for k, (_, row) in enumerate(above[:-1]):
+        line, names = above[k + 1]
+        are_own = k == 0 or len({*names}) == len(names)
+        if whole[k + 1] and are_own and is_row_of_units(row, numbers):
+            return line
+    found = [line for (line, _), is_whole in zip(above, whole, strict=True) if is_whole]
+    return next(iter([*found, *(line for line, _ in above)]), first)
 
 
 def _is_table(first: Row, rows: Sequence[Row]) -> bool:
     """Whether rows are as wide as the first, and a column holds numbers, below its unit or not."""
     if any(len(row) != len(first) for row in rows[:-1]):
         return False
-    begin = _data_begin(rows)
-    return begin == 0 or (begin > 0 and is_row_of_units(rows[0], rows[begin:]))
+    if _data_begin(rows) == 0:
+        return bool(columns_of_numbers(rows))
+    return is_row_of_units(rows[0], _surely_data(rows))
 
 
 def _data_begin(rows: Sequence[Row]) -> int:
-    """The first row of data; -1 where it is none of the first.
+    """The first row of data: those above it hold only texts, above most columns of numbers."""
+    found = columns_of_numbers(_surely_data(rows))
+    for k, row in enumerate(rows[:_MOST_BELOW]):
+        numbers = [i for i in found if i < len(row)]
+        named = sum(bool(row[i].strip()) for i in numbers)
+        if any(map(begins_as_data, row)) or not named or 2 * named < len(numbers):
+            return k
+    return min(_MOST_BELOW, len(rows))
 
-    From it on a column holds numbers. A row that has only texts above numbers is none of it.
-    """
-    begin = next((k for k in range(1 + _MOST_BELOW) if columns_of_numbers(rows[k:])), -1)
-    while 0 <= begin < min(_MOST_BELOW, len(rows) - 1):
-        numbers = [i for i in columns_of_numbers(rows[begin + 1 :]) if i < len(rows[begin])]
-        cells = [rows[begin][i] for i in numbers]
-        if all(map(is_missing, cells)) or any(map(is_number_somehow, cells)):
-            break
-        begin += 1
-    return begin
+
+def _surely_data(rows: Sequence[Row]) -> Sequence[Row]:
+    """The rows below all that may stand between a header and the data."""
+    return rows[_MOST_BELOW:] or rows[-1:]
 
 
 def _stated_comment(file: IO[str]) -> str | None:
