@@ -9,7 +9,9 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.search import alike_ports
 from wakedeploy.gap.search.alike_ports import twins
+from wakedeploy.gap.search.imitation import doing_alike
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
 from wakedeploy.gap.search.rivalry import Verdict
@@ -111,7 +113,7 @@ def test_what_both_sides_lack_is_named_at_both(hidden, names, size, truth):
 @pytest.mark.parametrize(
     "gaining", [{"sample-and-hold@right_v", "sample-and-hold@left_v"}, {"lag@right_v"}]
 )
-def test_kinds_are_asked_at_ports_alike_that_gain_nothing_at_one_alone(gaining):
+def test_kinds_are_asked_at_ports_alike_that_gain_nothing_at_one_alone(gaining, monkeypatch):
     """A lag of one motor turns the robot; a hold gains at either motor, or another effect does."""
 
     class Slow(Rover):
@@ -130,11 +132,25 @@ def test_kinds_are_asked_at_ports_alike_that_gain_nothing_at_one_alone(gaining):
         verdicts.append(Verdict(Candidate(name, fitted, gains), ""))
     verdicts.sort(key=lambda v: -v.candidate.gain_nats)
     needed = {v.candidate.name: 5.0 for v in verdicts}
+    leads = []
+    monkeypatch.setattr(
+        alike_ports,
+        "doing_alike",
+        lambda model, found, lead, sets: (
+            leads.append(lead) or doing_alike(model, found, lead, sets)
+        ),
+    )
     best = twins(model, base, verdicts, needed, most_effects=4)[0]
-    assert set(best.names) == {"lag@left_v", "lag@right_v"}
+    assert best.names == ("lag@right_v", "lag@left_v")  # the one that gains most is the first
+    assert best.first.candidate.name == "lag@right_v"
+    assert [len(lead.hypothesis) for lead in leads] == [len(gaining)]
     for name in best.names:
         assert best.candidate.fit.value(f"{name}.tau_s") == pytest.approx(0.08, abs=0.01)
     assert not twins(model, base, verdicts, dict.fromkeys(needed, 1e3), most_effects=4)
+    without = [v for v in verdicts if v.candidate.name != "lag@left_v"]  # withdrawn there
+    assert all(
+        "lag" not in name for t in twins(model, base, without, needed, 4) for name in t.names
+    )
 
 
 @pytest.mark.slow

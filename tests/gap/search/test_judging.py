@@ -550,11 +550,11 @@ def test_a_class_is_narrowed_by_its_own_members_only(settling, rival, left):
     assert (further and further.rivals) == left
 
 
-@pytest.mark.parametrize("comes_as_far", [True, False])
+@pytest.mark.parametrize(("comes_as_far", "left"), [(True, 0.3), (False, 0.3), (False, 1.2)])
 def test_what_was_judged_beside_a_superfluous_effect_is_judged_again_without_it(
-    monkeypatch, comes_as_far
+    monkeypatch, comes_as_far, left
 ):
-    """If that search explains less, the first one's names stay; each is weighed again, too."""
+    """If that search explains less, the first one's names stay, as far as they matter alone."""
     model = Linear({"gain": 0.4, "c": 0.6})
     base, both, alone = (fit(model, h, range(EPISODES)) for h in ((), ("a", "c"), ("c",)))
     asked, beside = [], Weight(0.2, 0.1, 0.3)
@@ -577,20 +577,45 @@ def test_what_was_judged_beside_a_superfluous_effect_is_judged_again_without_it(
         weights = dict.fromkeys(found.hypothesis, Weight(0.9, 0.8, 1.0) if again else beside)
         return replace(outcome, found=found, weights=weights, alone=candidates)
 
-    squares = {(): np.ones((9, 1)), ("c",): np.full((9, 1), 0.3)}
+    squares = {(): np.ones((9, 1)), ("c",): np.full((9, 1), left)}
     monkeypatch.setattr(judging, "crossed", lambda model, fitted: squares[fitted.hypothesis])
     monkeypatch.setattr(judging, "_ahead", ahead)
-    outcome = judging._needed(model, Named(model, base, base, []), lambda *a: None, {})
-    assert outcome.found.hypothesis == ("c",)
+    chance = Ranked(
+        name="a", gain_nats=1.0, needed_nats=4.0, interval=(1.0, 9.0), parameters={}, note=""
+    )
+    earlier = Round(given=[], threshold_nats=4.0, steady_nats=4.0, ranking=[chance])
+    outcome = judging._needed(model, Named(model, base, base, [earlier]), lambda *a: None, {})
     assert [withdrawn for withdrawn, _ in asked] == [(), ("a",)]
     assert asked[0][1] is None
     assert asked[1][1].hypothesis == ("c",)
-    assert outcome.weights["c"].share == pytest.approx(0.9 if comes_as_far else 0.7)
-    assert [(r.name, r.judged) for r in outcome.rounds[0].ranking] == [
+    assert outcome.rounds[0] == earlier
+    assert [(r.name, r.judged) for r in outcome.rounds[1].ranking] == [
         ("a", SUPERFLUOUS),
         ("c", ""),
     ]
+    if left > 1.0:
+        assert outcome.found is base
+        return
+    assert outcome.found.hypothesis == ("c",)
+    assert outcome.weights["c"].share == pytest.approx(0.9 if comes_as_far else 0.7)
     assert {c.name for c in outcome.alone} == {"a", "c"}
+
+
+def test_what_was_named_as_one_is_weighed_as_one(monkeypatch):
+    """One alone turns the robot; then c matters beside both."""
+    model = Linear({"a": 0.6, "c": 0.4})
+    base, found = (fit(model, h, range(EPISODES)) for h in ((), ("a", "b", "c")))
+    left = {(): 1.0, ("a",): 1.5, ("a", "b"): 0.4, ("a", "b", "c"): 0.1}
+    monkeypatch.setattr(
+        judging, "crossed", lambda model, fitted: np.full((9, 1), left[fitted.hypothesis])
+    )
+    both = Weight(0.5, 0.4, 0.6)
+    outcome = Named(
+        model, base, found, [], weights={"a": both, "b": both, "c": Weight(0.5, 0.4, 0.6)}
+    )
+    weights = judging._weights_anew(model, outcome)
+    shares = {name: weight.share for name, weight in weights.items()}
+    assert shares == pytest.approx({"a": 0.6, "b": 0.6, "c": 0.75})
 
 
 def test_an_earlier_search_shows_the_next_one_where_its_effects_ended(monkeypatch):
@@ -608,6 +633,19 @@ def test_an_earlier_search_shows_the_next_one_where_its_effects_ended(monkeypatc
     outcome = judging._ahead(model, start, lambda *a: None, {}, both)
     assert begun == [{"a": ("a",), "c": ("c",)}, {"c": ("a", "c")}, {}]
     assert outcome.found.objective == pytest.approx(both.objective, abs=0.1)
+
+
+def test_what_the_next_search_names_itself_keeps_its_size_there(monkeypatch):
+    model = Linear({"a": 0.6, "c": 0.4})
+    base, earlier, now = (fit(model, h, range(EPISODES)) for h in ((), ("a",), ("c",)))
+    begun = []
+    monkeypatch.setattr(judging, "with_one_more", lambda part, outcome, progress, anew: None)
+    monkeypatch.setattr(
+        judging, "fit", lambda model, h, blocks, start: begun.append(start) or earlier
+    )
+    monkeypatch.setattr(judging, "settled", lambda model, fitted: (fitted, True))
+    judging._ahead(model, Named(model, base, now, []), lambda *a: None, {}, earlier)
+    assert begun[0][2:] == pytest.approx([now.value("c.size"), earlier.value("a.size")])
 
 
 @pytest.mark.parametrize(

@@ -73,12 +73,15 @@ def apart(monkeypatch):
 
 
 @pytest.mark.parametrize(("other", "is_one"), [("b", False), ("c", True)])
-def test_what_gains_as_much_beside_another_is_no_rival_of_it(other, is_one):
+def test_what_gains_most_beside_another_is_no_rival_of_it(other, is_one):
     """C is another thing that is missing, too; b looks like a."""
     model = Linear({"a": 0.6, "c": 0.5})
     base, *fits = (fit(model, h, range(EPISODES)) for h in ((), ("a",), (other,)))
     best, second = (Candidate(f.hypothesis[0], f, np.ones(EPISODES)) for f in fits)
     assert is_companion(model, base, best, second) == is_one
+    verdicts = [Verdict(each, ACCEPTED) for each in (best, second)]
+    rivals = rounds._rivals(model, base, verdicts[0], verdicts)
+    assert [v.candidate.name for v in rivals] == ([] if is_one else [other])
     nothing = Candidate(other, replace(fits[1], per_episode=base.per_episode - 1.0), best.gains)
     assert not is_companion(model, base, best, nothing)
 
@@ -116,8 +119,8 @@ def test_a_rival_that_only_elaborates_another_rival_is_none(apart):
 )
 def test_beside_a_name_another_one_has_to_help_surely(share, low, alone, beside):
     weight = Weight(share, low, 2 * share - low)
-    assert rounds._is_worth_naming(weight, ()) == alone
-    assert rounds._is_worth_naming(weight, ("a",)) == beside
+    assert rounds.is_worth_naming(weight, ()) == alone
+    assert rounds.is_worth_naming(weight, ("a",)) == beside
 
 
 @pytest.mark.parametrize(
@@ -380,3 +383,18 @@ def test_what_asks_for_a_sign_is_offered_where_a_sign_may_turn(least, turns, abs
     if turns:
         assert asks <= there
     assert "viscous-friction@level_m" in there
+
+
+@pytest.mark.parametrize(
+    ("gained", "is_told"), [(0.005, False), (0.012, False), (0.05, True), (0.3, True)]
+)
+def test_forecasts_tell_rivals_apart_if_one_is_surely_better_by_what_matters(gained, is_told):
+    """Better by 1.2 % for sure, and maybe by less than matters."""
+    errors = 1.0 + 0.1 * np.cos(np.arange(24.0))[:, None]
+    worse = errors * (1.0 + gained + 0.015 * np.sin(2.0 * np.arange(24.0))[:, None])
+    members = [
+        Verdict(Candidate(n, None, np.ones(4)), ACCEPTED, None, squares)
+        for n, squares in (("best", errors), ("other", worse))
+    ]
+    left = [v.candidate.name for v in undecided(_Offering(), members)]
+    assert left == (["best"] if is_told else ["best", "other"])

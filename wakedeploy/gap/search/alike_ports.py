@@ -5,7 +5,7 @@ best first. What both wheels of a robot lack turns the robot when it is added to
 gains, and forecasts get worse.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,8 @@ from wakedeploy.gap.search.imitation import NEAR, doing_alike
 from wakedeploy.gap.search.rivalry import Verdict, is_nothing, rivals_with
 from wakedeploy.gap.search.scan import elaborates
 
-_MOST = 3  # kinds that are fitted
+_MOST = 3  # kinds that are fitted as they gain at each port, and as they do what the best one does
+_NOT_BEHIND = 0.5  # share of the lead's gain with which one has not fallen behind in a race
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ def twins(
     fitted: dict[frozenset[str], Twins] = {}
     firsts = {v.candidate.name: v for v in verdicts}
     gains = {name: v.candidate.gain_nats for name, v in firsts.items()}
-    sets = _sets(model, firsts, most_effects - len(found.hypothesis))
+    sets = _sets(model, found, firsts, most_effects - len(found.hypothesis))
     for verdict in verdicts:
         names = sets.get(verdict.candidate.name, ())
         nearly = RULES.port_share * verdict.candidate.gain_nats
@@ -67,8 +68,7 @@ def twins(
             fitted[frozenset(names)] = both
     leads = [v.candidate.fit for v in verdicts[:1]] + [t.candidate.fit for t in fitted.values()]
     lead = max(leads, key=height, default=found)
-    others = {frozenset(names): names for names in sets.values()}
-    for fit in _doing_as(model, found, lead, list(others.values())):
+    for fit in _doing_as(model, found, lead, sets.values()):
         first = firsts[fit.hypothesis[len(found.hypothesis)]]
         both = _settled(model, found, fit, first)
         known = fitted.get(frozenset(both.names), both)
@@ -96,31 +96,42 @@ def _needs_all(both: Twins, gains: Mapping[str, float], needed: Mapping[str, flo
 
 
 def _sets(
-    model: Comparison, firsts: Mapping[str, Verdict], most: int
+    model: Comparison, found: Fit, firsts: Mapping[str, Verdict], most: int
 ) -> dict[str, tuple[str, ...]]:
-    """By each effect, that effect and the same kind at other ports, if there are `most` at most."""
+    """By each effect, that effect and the same kind at other ports, if there are `most` at most.
+
+    There is no set without a port at which the kind was withdrawn.
+    """
     sets = {}
     for name in firsts:
-        names = (name, *(n for n in model.ports_alike(name) if n in firsts))
-        if 1 < len(names) <= most:
+        names = (name, *(n for n in model.ports_alike(name) if n not in found.hypothesis))
+        if 1 < len(names) <= most and all(n in firsts for n in names):
             sets[name] = names
     return sets
 
 
 def _doing_as(
-    model: Comparison, found: Fit, lead: Fit, added: Sequence[tuple[str, ...]]
+    model: Comparison, found: Fit, lead: Fit, sets: Collection[tuple[str, ...]]
 ) -> list[Fit]:
     """Fits of those that come near to a lead, begun where they do what it does.
 
     At one port alone the true kind may gain next to nothing: a lag of one rotor turns the robot.
+    The port at which a kind gains most comes first.
     """
     gained = lead.objective - found.objective
-    if not added or gained < RULES.least_nats:
+    known = [set(lead.hypothesis[len(found.hypothesis) :])]
+    others = list[tuple[str, ...]]()
+    for names in sets:
+        finer = any(elaborates(model, n, other) for n in names for other in found.hypothesis)
+        if set(names) not in known and not finer:
+            known.append(set(names))
+            others.append(names)
+    if not others or gained < RULES.least_nats:
         return []
-    known = set(lead.hypothesis[len(found.hypothesis) :])
-    begun = doing_alike(model, found, lead, [names for names in added if set(names) != known])
+    begun = doing_alike(model, found, lead, others)
     near = [fit for fit in begun.values() if height(fit) > found.objective + NEAR * gained]
-    return raced(model, found, sorted(near, key=height, reverse=True)[:_MOST])
+    fits = raced(model, found, sorted(near, key=height, reverse=True)[:_MOST])
+    return [f for f in fits if f.objective > found.objective + _NOT_BEHIND * gained]
 
 
 def _simplest_first(model: Comparison, fitted: list[Twins]) -> list[Twins]:

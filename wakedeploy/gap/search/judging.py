@@ -9,6 +9,7 @@ the other blocks rank once more without it.
 """
 
 import functools
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -29,10 +30,17 @@ from wakedeploy.gap.search.outcome import (
     with_superfluous,
 )
 from wakedeploy.gap.search.restarts import begun_anew, bettered
-from wakedeploy.gap.search.rounds import with_one_more
+from wakedeploy.gap.search.rounds import is_worth_naming, with_one_more
 from wakedeploy.gap.search.scan import NOTHING
 from wakedeploy.gap.search.starting_constants import beginning
-from wakedeploy.gap.search.weighing import crossed, is_outdone, unfitted, unseen, weight_of
+from wakedeploy.gap.search.weighing import (
+    Weight,
+    crossed,
+    is_outdone,
+    unfitted,
+    unseen,
+    weight_of,
+)
 from wakedeploy.gap.search.withdrawal import borne_out, still_needed, with_sizes
 
 
@@ -188,7 +196,7 @@ def _needed(part: Comparison, start: Named, progress: Progress, anew: Mapping[st
 
     What was judged beside an effect that has left again is judged once more, without it. The others
     begin there at their sizes too, so that this search comes as far. If it explains less all the
-    same, the first answer stays, and each of its effects is weighed without the one that left.
+    same, the first answer stays, weighed without the effects that left, if all of it still matters.
     """
     ahead = _ahead(part, replace(start, rounds=list(start.rounds)), progress, anew)
     outcome = still_needed(part, ahead)
@@ -198,25 +206,34 @@ def _needed(part: Comparison, start: Named, progress: Progress, anew: Mapping[st
     fewer = replace(start, rounds=list(start.rounds), withdrawn=(*start.withdrawn, *left))
     again = still_needed(part, _ahead(part, fewer, progress, {}, outcome.found))
     if again.found.objective < outcome.found.objective - RULES.class_nats:
-        for name in left:
-            outcome.rounds[:] = [marked(r, name, SUPERFLUOUS) for r in outcome.rounds]
-        return _weighed_anew(part, outcome)
+        weights = _weights_anew(part, outcome)
+        named = list(weights)
+        if all(is_worth_naming(weights[n], named[:k]) for k, n in enumerate(named)):
+            for name in left:
+                outcome.rounds[len(start.rounds) :] = [
+                    marked(r, name, SUPERFLUOUS) for r in outcome.rounds[len(start.rounds) :]
+                ]
+            return replace(outcome, weights=weights)
     return with_superfluous(again, ahead, left, len(start.rounds))
 
 
-def _weighed_anew(part: Comparison, outcome: Named) -> Named:
-    """The outcome with the weight that each effect has on top of those named before it."""
-    weights, before = {}, crossed(part, outcome.base)
-    for count, name in enumerate(outcome.found.hypothesis, 1):
-        after = crossed(part, _refitted(part, outcome.found.hypothesis[:count], outcome.found))
-        weights[name], before = weight_of(before, after), after
-    return replace(outcome, weights=weights)
+def _weights_anew(part: Comparison, outcome: Named) -> dict[str, Weight]:
+    """The weight of each effect on top of those before it; of several named as one, of them all."""
+    weights, before, found = dict[str, Weight](), crossed(part, outcome.base), outcome.found
+    for _, together in itertools.groupby(found.hypothesis, lambda n: id(outcome.weights[n])):
+        names = list(together)
+        so_far = (*weights, *names)
+        is_all = so_far == found.hypothesis
+        after = crossed(part, found if is_all else _refitted(part, so_far, found))
+        weights |= dict.fromkeys(names, weight_of(before, after))
+        before = after
+    return weights
 
 
-def _refitted(part: Comparison, hypothesis: tuple[str, ...], found: Fit) -> Fit:
-    """Some effects, begun at their sizes in a fit."""
-    start = theta_from(part, hypothesis, found)
-    return settled(part, fit(part, hypothesis, found.episodes, start))[0]
+def _refitted(part: Comparison, hypothesis: tuple[str, ...], *fits: Fit) -> Fit:
+    """Some effects, begun at their sizes in the last of the fits that has them."""
+    start = theta_from(part, hypothesis, *fits)
+    return settled(part, fit(part, hypothesis, fits[-1].episodes, start))[0]
 
 
 def _ahead(
@@ -235,7 +252,7 @@ def _ahead(
         if earlier is not None:
             named = outcome.found.hypothesis
             remaining = [n for n in earlier.hypothesis if n not in named]
-            anew = {n: _refitted(part, (*named, n), earlier) for n in remaining}
+            anew = {n: _refitted(part, (*named, n), outcome.found, earlier) for n in remaining}
         further = with_one_more(part, outcome, progress, anew)
         if further is None:
             break

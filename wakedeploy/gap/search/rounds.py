@@ -136,7 +136,7 @@ def _judged(
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif gained < RULES.least_share and any(refines(model, effect.name, n) for n in known):
         why = REFINES
-    elif _is_worth_naming(weight, known):
+    elif is_worth_naming(weight, known):
         why = TRIFLE if gained < RULES.least_of_gap else ACCEPTED
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
@@ -159,7 +159,7 @@ def _leader(verdicts: Sequence[Verdict]) -> Verdict | None:
     return first
 
 
-def _is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
+def is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
     """Whether an effect makes forecasts better; beside others, surely better.
 
     Each further name may be wrong, and without it there is an answer already.
@@ -214,7 +214,7 @@ def _plainer(
         return leader
     squares = crossed(model, plainer.fit)
     weight = weight_of(crossed(model, found), squares)
-    worth = _is_worth_naming(weight, found.hypothesis)
+    worth = is_worth_naming(weight, found.hypothesis)
     return Verdict(plainer, ACCEPTED, weight, squares) if worth else leader
 
 
@@ -223,7 +223,8 @@ def _rivals(
 ) -> list[Verdict]:
     """The fitted effects that blocks cannot tell from a leader, without elaborations of it.
 
-    One that gains beside the leader what it gains without is none: each explains something else.
+    One that gains beside the leader most of what it gains without is none: each explains something
+    else.
     """
     leading = leader.candidate.name
     return [
@@ -350,7 +351,7 @@ def _pair(
         before, after = (crossed(model, f) for f in (outcome.found, verdict.candidate.fit))
         both = weight_of(before, after)
         gained = share_of_gap(crossed(model, outcome.base), before, after)
-        if not _is_worth_naming(both, list(outcome.weights)) or gained < RULES.least_of_gap:
+        if not is_worth_naming(both, list(outcome.weights)) or gained < RULES.least_of_gap:
             continue
         alike = _alike(model, outcome.found, first, beside_it)
         members = (first.candidate.name, *(v.candidate.name for v in alike if v is not first))
