@@ -502,3 +502,38 @@ def test_a_table_written_otherwise_is_refused_with_what_to_write(
     columns = 'version = 1\n[time]\ncolumn = "t"\n[columns.u]\ncolumn = "u"\nrole = "output"\n'
     with pytest.raises(UnusableInput, match=advice):
         read_recordings([path], parse_columns(f'{columns}unit = "1"\n{form}'))
+
+
+@pytest.mark.parametrize("ending", ["h5", "npz"])
+def test_a_table_whose_rows_hold_several_columns_is_read_field_by_field(
+    ending: str, tmp_path: Path
+) -> None:
+    """A compound dataset, as PyTables writes it, and a structured array of NumPy."""
+    path = tmp_path / f"log.{ending}"
+    table = np.zeros(60, dtype=[("t", "f8"), ("q", "f4", 2), ("note", "S3")])
+    table["t"], table["q"] = np.arange(60) / 20.0, np.random.default_rng(1).normal(size=(60, 2))
+    if ending == "npz":
+        np.savez(path, log=table)
+    else:
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            file["run/log"] = table
+    guessed = guess_columns(path)
+    name = "log" if ending == "npz" else "run/log"
+    assert f'column = "{name}.t"' in guessed
+    columns = parse_columns(guessed.replace('"unused"', '"output"'))
+    (recording,) = read_recordings([path], columns).recordings
+    assert recording.time_s == pytest.approx(table["t"])
+    assert np.column_stack(list(recording.columns.values())) == pytest.approx(table["q"])
+
+
+def test_durations_of_parquet_are_seconds(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    path = tmp_path / "log.parquet"
+    elapsed = pandas.to_timedelta(np.arange(200) * 20, unit="ms")
+    pandas.DataFrame({"elapsed": elapsed, "q": np.sin(np.arange(200))}).to_parquet(path)
+    guessed = guess_columns(path)
+    assert 'column = "elapsed"' in guessed
+    columns = parse_columns(guessed.replace('"unused"', '"output"'))
+    (recording,) = read_recordings([path], columns).recordings
+    assert recording.time_s == pytest.approx(np.arange(200) * 0.02)

@@ -35,7 +35,9 @@ def _read(opened: Any, folder: Path, names: list[str]) -> None:
     import numpy as np
 
     for number, name in enumerate(names):
-        np.save(folder / f"{number}.npy", opened[name][()], allow_pickle=False)
+        table, _, field = name.rpartition(".")
+        array = opened[name][()] if name in opened else opened[table][field]
+        np.save(folder / f"{number}.npy", array, allow_pickle=False)
 
 
 def _list(opened: Any, folder: Path, names: list[str]) -> None:
@@ -44,12 +46,17 @@ def _list(opened: Any, folder: Path, names: list[str]) -> None:
     found: dict[str, Any] = {}
 
     def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.dtype.hasobject or item.dtype.names:
+        if not isinstance(item, h5py.Dataset) or item.shape is None:
             return
         if len(found) >= MOST_DATASETS or item.nbytes > MOST_BYTES or item.external:
             raise ValueError(f"{name} is larger than a log is, or lies elsewhere")
-        if item.shape is not None:
+        if not item.dtype.names and not item.dtype.hasobject:
             found[name] = [list(item.shape), item.dtype.kind, _unit(item)]
+        for field in item.dtype.names or ():  # of a table whose rows hold several columns
+            kind = item.dtype[field]
+            if not kind.names and not kind.hasobject:
+                shape = [*item.shape, *kind.shape]
+                found[f"{name}.{field}"] = [shape, kind.base.kind, None]
 
     opened.visititems(visit)
     (folder / "about.json").write_text(json.dumps(found), "utf-8")

@@ -48,7 +48,8 @@ class ParquetLog:
             count = self._length(name) if "list" in str(kind) else 0
             names = [f"{name}[{i}]" for i in range(count)] or [name]
             example = None if any(word in str(kind) for word in _NO_NUMBERS) else 0.0
-            found += [Field(address, unit=unit, example=example) for address in names]
+            stated = "s" if str(kind).startswith("duration") else unit
+            found += [Field(address, unit=stated, example=example) for address in names]
         return found
 
     def clock_of(self, address: str) -> Clock | None:
@@ -56,7 +57,7 @@ class ParquetLog:
         return None
 
     def read(self, addresses: Collection[str], stamps: Collection[str]) -> dict[str, Values]:
-        """The columns of these addresses; dates and times as what they are, in any unit."""
+        """The columns of these addresses; dates as what they are, durations in seconds."""
         require_values(self.path, len(addresses) * self._file.metadata.num_rows)
         return {address: self._column(address, address in stamps) for address in addresses}
 
@@ -76,6 +77,8 @@ class ParquetLog:
         values = self._array(name, self._file.iter_batches(columns=[name]))
         if index:
             return self._elements(address, values, index)
+        if values.dtype.kind == "m":
+            return np.asarray(values / np.timedelta64(1, "ns") * 1e-9)
         if values.dtype.kind in "fiubM":
             return values
         if is_stamp and all(v is None or isinstance(v, str) for v in values):
