@@ -32,6 +32,7 @@ NEAR = 0.3  # share of the best one's gain that another must reach there to be f
 _MOST = 4  # that are fitted from there
 _LEADERS = 3  # the most candidates from whose ends others are tried
 _SIZED = 3  # times that a candidate is sized
+_LIKE = 0.3  # cosine from which on a candidate is sized
 _MOSTLY = 0.1  # share that may be left of what the best one does
 _DELAYS = (0.5, 1.0)  # of the best one's: two lags in series are each half as long
 Added = tuple[str, ...]  # the effects that a candidate adds to a base
@@ -74,13 +75,21 @@ def doing_alike(
 ) -> dict[Added, Fit]:
     """The best start of each candidate with the noise and constants of the best fit.
 
-    A candidate is one effect, or several, beside those of the base. One whose size already does
-    most of what the best one does is sized further: where noise is small, a tenth more or less
-    costs more than nothing at all.
+    A candidate is one effect, or several, beside those of the base. One that does something like
+    what the best one does is sized, and once it does most of it, further: where noise is small, a
+    tenth more or less costs more than nothing at all.
     """
     points = {a: _points(best, model.free((*base.hypothesis, *a)), a) for a in added}
-    at = {a: max(fits, key=height) for a, fits in _placed(model, base, best, points)}
-    highest, least = dict(at), _MOSTLY * _apart(_absent(model, base, best), best)
+    absent = _absent(model, base, best)
+    at, highest = dict[Added, Fit](), dict[Added, Fit]()
+    for name, fits in _placed(model, base, best, points):
+        highest[name] = max(fits, key=height)
+        likeness, nearest = max(
+            ((_likeness(absent, f, best), f) for f in fits), key=lambda each: each[0]
+        )
+        if likeness > _LIKE:
+            at[name] = nearest
+    least = _MOSTLY * _apart(absent, best)
     for _ in range(_SIZED):
         places = {a: _places(f.free, a) for a, f in at.items()}
         moved = {a: [aside(f.theta, f.free, i)[0] for i in places[a]] for a, f in at.items()}
@@ -148,6 +157,14 @@ def _as_far(best: Fit, at: Fit, moved: Sequence[Fit], places: Sequence[int]) -> 
     theta[places] += np.linalg.lstsq(np.transpose(columns), change, rcond=1e-9)[0]
     low, high = bounds_of(at.free)
     return np.clip(theta, low, high)
+
+
+def _likeness(absent: Fit, fitted: Fit, best: Fit) -> float:
+    """The cosine between what a fit and the best one do to innovations, either way round."""
+    without = _white(absent, best)
+    done, sought = _white(fitted, best) - without, _white(best, best) - without
+    norms = float(np.linalg.norm(done) * np.linalg.norm(sought))
+    return abs(float(done @ sought)) / norms if 0.0 < norms < np.inf else 0.0
 
 
 def _apart(fitted: Fit, best: Fit) -> float:
