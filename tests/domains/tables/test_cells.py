@@ -121,6 +121,18 @@ def test_units_behind_stamps_are_compared_between_files(tmp_path: Path) -> None:
         read_recordings([paths[0], paths[2]], columns)
 
 
+def test_a_factor_makes_another_unit_of_what_stands_behind_a_number(tmp_path: Path) -> None:
+    """A load cell that is logged in millivolts."""
+    path = tmp_path / "log.csv"
+    path.write_text("t,x\n" + "".join(f"{t:.2f} s,{x:.5f} mV\n" for t, x in ROWS[:, :2]))
+    stated = guess_columns(path).replace('"unused"', '"output"')
+    with pytest.raises(UnusableInput, match=r"'x' has numbers in mV, and columns.toml says N"):
+        read_recordings([path], parse_columns(stated.replace('"mV"', '"N"')))
+    columns = parse_columns(stated.replace('"mV"', '"N"\nscale = 2.0'))
+    (recording,) = read_recordings([path], columns).recordings
+    assert recording.columns["x"] == pytest.approx(2.0 * ROWS[:, 1], abs=1e-4)
+
+
 @pytest.mark.parametrize("stamp", ["2024-01-13 10:00:{:06.3f}", "13/01/2024 10:00:{:06.3f}"])
 def test_dates_stand_beside_units_behind_numbers(stamp: str, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"

@@ -260,12 +260,14 @@ LOGGER = (
     '"TOA5","tunnel","CR1000","17","CR1000.Std.32","CPU:fan.CR1","42","fast"\n'
     '"TIMESTAMP","RECORD","Fan","Force"\n"TS","RN","V","mN"\n"","","Smp","Avg"\n'
 )
+LOGGED = "".join(
+    f'"2024-01-01 10:00:{t:05.2f}",{k},{q:.5f},{u:.5f}\n' for k, (t, q, u) in enumerate(ROWS)
+)
 
 
 def test_a_data_logger_says_below_the_units_how_each_column_was_sampled(tmp_path: Path) -> None:
     path = tmp_path / "tunnel.dat"
-    rows = [f'"2024-01-01 10:00:{t:05.2f}",{k},{q:.5f},{u:.5f}' for k, (t, q, u) in enumerate(ROWS)]
-    path.write_text(LOGGER + "\n".join(rows) + "\n")
+    path.write_text(LOGGER + LOGGED)
     guessed, columns = read(path)
     for line in ("skip_rows = 1", "units_row = true", "more_rows = 1", 'column = "TIMESTAMP"'):
         assert line in guessed
@@ -287,13 +289,12 @@ def test_a_row_that_has_a_number_is_data(below: str, begin: str, tmp_path: Path)
 
 def test_a_row_of_data_that_more_rows_leaves_out_is_said(tmp_path: Path) -> None:
     path = tmp_path / "tunnel.dat"
-    rows = [f'"2024-01-01 10:00:{t:05.2f}",{k},{q:.5f},{u:.5f}' for k, (t, q, u) in enumerate(ROWS)]
-    path.write_text(LOGGER + "\n".join(rows) + "\n")
+    path.write_text(LOGGER + LOGGED)
     guessed = guess_columns(path)
     assert "more_rows = 1  # ? left out: ',,Smp,Avg'" in guessed
     columns = parse_columns(guessed.replace('"unused"', '"output"'))
     assert not read_recordings([path], columns).notes
-    path.write_text(LOGGER.replace('"","","Smp","Avg"\n', "") + "\n".join(rows) + "\n")
+    path.write_text(LOGGER.replace('"","","Smp","Avg"\n', "") + LOGGED)
     notes = read_recordings([path], columns).notes
     assert any("line 4 holds numbers and was left out, as more_rows" in note for note in notes)
 

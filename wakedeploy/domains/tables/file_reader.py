@@ -136,8 +136,9 @@ class FileReader:
         log = self._log(column.file)
         clock = self._clock_for(column, log)
         if isinstance(log, DelimitedLog):
-            for address in column.addresses if column.column is not None else ():
-                log.require_unit(address, column.unit)
+            is_scaled = (column.scale, column.offset) != (1.0, 0.0)  # millivolts may be newtons
+            if column.column is not None and not is_scaled:
+                log.require_unit(column.address, column.unit)
             if clock is not None and self.columns.time.format is None:
                 log.require_unit(clock.address, clock.unit)
         return Place(log, column.address, clock, column.addresses)
