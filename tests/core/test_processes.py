@@ -56,6 +56,31 @@ def test_ctrl_c_reaches_the_parent_and_none_of_its_processes(tmp_path):
     assert run.stderr == ""
 
 
+LEFT_BY_AN_ERROR = """
+import multiprocessing, sys, threading, time
+from wakedeploy.core.processes import pool
+
+if __name__ == "__main__":
+    try:
+        with pool(2, fresh=sys.argv[1] == "fresh") as several:
+            several.map(time.sleep, [600.0] * 4)
+            raise ValueError
+    except ValueError:
+        print(threading.active_count() - 1, len(multiprocessing.active_children()))
+"""
+
+
+@pytest.mark.parametrize("kind", ["copied", "fresh"])
+def test_left_by_an_error_a_pool_leaves_neither_threads_nor_processes(tmp_path, kind):
+    script = tmp_path / "left.py"
+    script.write_text(LEFT_BY_AN_ERROR)
+    run = subprocess.run(
+        [sys.executable, str(script), kind], capture_output=True, text=True, timeout=120
+    )
+    assert run.stdout == "0 0\n", run.stderr
+    assert run.stderr == ""
+
+
 AT_WORK = """
 import os, sys, time
 from wakedeploy.core.interruption import interruptible

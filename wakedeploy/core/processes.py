@@ -100,9 +100,13 @@ def pool(
         try:
             yield Pool(executor)
         except BaseException:
+            manager = executor._executor_manager_thread  # `shutdown` forgets it, waiting for or not
             executor.shutdown(wait=False, cancel_futures=True)
             for process in set(multiprocessing.active_children()) - others:
                 process.kill()
+            if manager is not None:
+                # Left to the interpreter's end, it closes a pipe that the end still writes to.
+                manager.join()
             raise
 
 
