@@ -76,14 +76,13 @@ class Look:
     """A candidate around the base: the best point reached, the promised gain, and slopes.
 
     `columns` are its whitened slopes for each shape (2n, k), and what each of its starts changes
-    (2n, 1); `first` is what the first start changes.
+    (2n, 1).
     """
 
     name: str
     fit: Fit
     promised: float
     columns: tuple[FloatArray, ...]
-    first: FloatArray
 
     def prospect(self, base: Fit) -> float:
         """The gain [nats] that was reached or is promised, whichever is larger."""
@@ -139,9 +138,18 @@ def looks(
     return [known[name] for name in names]
 
 
-def look(model: Comparison, ground: Ground, name: str) -> Look:
-    """A candidate's slopes at each of its shapes, and a step from the most promising ones."""
-    return looks(model, ground, [name])[0]
+def changes(
+    model: Comparison, base: Fit, names: Sequence[str], steps: StepsDone = uncounted
+) -> dict[str, FloatArray]:
+    """What each candidate changes at its first start, whitened, (2n,)."""
+    points, found = {}, {}
+    for name in names:
+        free = model.free((*base.hypothesis, name))
+        points[name] = starts_of(extended(base, free), free, own_places(free, name))[:1]
+    for name, (scores,) in together(model, base, base, points):
+        found[name] = _change(base, scores)[:, 0]
+        steps(len(found), len(names))
+    return {name: found[name] for name in names}
 
 
 def together(
@@ -192,7 +200,7 @@ def _look(
     mine = [np.concatenate(whitened(c))[:, plan.amplitudes] for c in columns]
     changed = [_change(base, s) for s in leapt]
     promised = steps[best[0]][0]
-    return Look(plan.name, reached, promised, (*mine, *changed), changed[0])
+    return Look(plan.name, reached, promised, (*mine, *changed))
 
 
 class _Climb:

@@ -19,7 +19,7 @@ from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
-from wakedeploy.gap.search.first_look import Ground, look
+from wakedeploy.gap.search.first_look import changes
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
@@ -68,7 +68,6 @@ def rows(model: LogModel, base: Fit, steps: StepsDone = uncounted) -> list[Row]:
     """Constants first, then effects, in the library's order."""
     known = np.concatenate(whitened(base.slopes))
     prior = np.sqrt(prior_precision(base.free))
-    ground = Ground.of(base)
     moved: dict[str, FloatArray] = {}
     remaining: dict[str, FloatArray] = {}
     for i, free in enumerate(base.free):
@@ -77,10 +76,9 @@ def rows(model: LogModel, base: Fit, steps: StepsDone = uncounted) -> list[Row]:
             moved[free.name] = known[:, i] * size
             others = [j for j in range(len(base.free)) if j != i]
             remaining[free.name] = _residual(moved[free.name], known[:, others], prior[others])
-    for done, name in enumerate(model.library, 1):
-        moved[name] = look(model, ground, name).first[:, 0]
-        remaining[name] = _residual(moved[name], known, prior)
-        steps(done, len(model.library))
+    for name, change in changes(model, base, list(model.library), steps).items():
+        moved[name] = change
+        remaining[name] = _residual(change, known, prior)
     names = list(moved)
     alike = _alike(names, remaining)
     return [

@@ -28,6 +28,7 @@ _STEP_S = 2.0**-14  # a power of two: dividing by it loses nothing
 # States, where a body is in the world, and forces: MuJoCo would warn of a point beyond.
 _FARTHEST, _FARTHEST_M, _STRONGEST = 1e4, 1e9, 1e6
 _MOST_MODELS = 2048  # models with constants of their own that are kept
+_MOST_SHAPES = 8  # of points whose models are remembered
 _WORTH_THREADS = 64  # points from which threads are quicker
 
 
@@ -56,7 +57,7 @@ class MjcfSystem(System):
             if joint.body and not joint.turns:
                 self._farthest[place] = _FARTHEST_M
         self._models: dict[bytes, Any] = {}
-        self._latest: tuple[bytes, list[Any]] = b"", []
+        self._latest: dict[tuple[int, ...], tuple[Any, list[Any]]] = {}  # by the points' shape
         self._library = mujoco(Path(self.mjcf))
         self._plain = _explicit(self._library, self._elements.model)
         self._rollout: Any = None
@@ -90,10 +91,10 @@ class MjcfSystem(System):
             *(getattr(inputs, a.command) for a in actuators),
             *(forces.get(j.speed, 0.0) for j in joints),
         ]
-        constants = [getattr(c, name) for name in self._names]
+        constants = [np.asarray(getattr(c, name), dtype=float) for name in self._names]
         shape = np.broadcast_shapes(*(np.shape(v) for v in (*states, *driven, *constants)))
-        x, u, k = (_flat(values, shape) for values in (states, driven, constants))
-        rates = self._advanced(x, u, k).reshape(*shape, -1)
+        x, u = (_flat(values, shape) for values in (states, driven))
+        rates = self._advanced(x, u, self._models_of(constants, shape)).reshape(*shape, -1)
         first = {j.position: getattr(state, j.speed) for j in joints}
         for angles in self._elements.free_angles:
             at, by = ([getattr(state, n) for n in names] for names in zip(
@@ -154,10 +155,10 @@ class MjcfSystem(System):
         ]  # fmt: skip
         return [*notes, *contact_notes(self._elements, outputs)]
 
-    def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
+    def _advanced(self, x: FloatArray, u: FloatArray, models: list[Any]) -> FloatArray:
         """Rates of speeds and activations (N, v), after those of positions in states (N, n).
 
-        Commands and forces are (N, m), constants (N, k).
+        Commands and forces are (N, m); each point has its own of N models.
         """
         model, joints = self._elements.model, len(self._elements.joints)
         if not len(x):
@@ -169,7 +170,6 @@ class MjcfSystem(System):
         spec = self._library.mjtState
         result = np.empty((len(x), 1, full.shape[1]))
         sensed = np.empty((len(x), 1, self._plain.nsensordata))
-        models = self._models_of(constants)
         pool, data = self._pool(len(x))
         # Its checks ask each model for its sizes at every step, which takes as long as the step.
         pool.rollout(
@@ -181,24 +181,27 @@ class MjcfSystem(System):
         rates[lost] = np.nan
         return rates
 
-    def _models_of(self, constants: FloatArray) -> list[Any]:
-        """The model for each row of constants (N, k)."""
-        if constants.shape[1] == 0:
-            return [self._plain] * len(constants)
+    def _models_of(self, constants: list[FloatArray], shape: tuple[int, ...]) -> list[Any]:
+        """The model for each point of a shape, under constants that broadcast to it."""
+        count = int(np.prod(shape, dtype=int))
+        if not constants:
+            return [self._plain] * count
+        asked = shape, tuple((v.shape, v.tobytes()) for v in constants)
+        latest, models = self._latest.get(shape, (None, []))
+        if asked == latest:  # a filter asks with the same ones at each of its samples
+            return models
         if len(self._models) > _MOST_MODELS:
             self._models.clear()
-        rows = np.ascontiguousarray(constants)
-        every, (latest, models) = rows.tobytes(), self._latest
-        if every == latest:  # a filter asks with the same ones at each of its samples
-            return models
         models, known = [], self._models
-        for row in rows:
+        for row in _flat(constants, shape):
             key = row.tobytes()
             model = known.get(key)
             if model is None:
                 model = known[key] = self._with(row)
             models.append(model)
-        self._latest = every, models
+        if len(self._latest) > _MOST_SHAPES:
+            self._latest.clear()
+        self._latest[shape] = asked, models
         return models
 
     def _with(self, values: FloatArray) -> Any:
@@ -278,8 +281,9 @@ def _copied(model: Any) -> Any:
     return model.__copy__()
 
 
-def _flat(values: list[Any], shape: tuple[int, ...]) -> FloatArray:
+def _flat(values: Sequence[Any], shape: tuple[int, ...]) -> FloatArray:
     """Values that broadcast to a shape, as rows (N, k)."""
-    rows = [np.broadcast_to(np.asarray(v, dtype=float), shape).ravel() for v in values]
-    count = int(np.prod(shape, dtype=int))
-    return np.array(rows).reshape(len(rows), count).T.copy()
+    rows = np.empty((*shape, len(values)))
+    for i, value in enumerate(values):
+        rows[..., i] = value
+    return rows.reshape(-1, len(values))
