@@ -18,6 +18,7 @@ from wakedeploy.gap.evidence.fits import (
     Slopes,
     bounds_of,
     densities,
+    is_dear,
     log_prior,
     neutral,
     prior_precision,
@@ -26,13 +27,14 @@ from wakedeploy.gap.evidence.fits import (
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.search.comparison import Comparison
 
-_DAMPED = ((1e-3, 0.1, 1.0, 10.0), (100.0, 1e3, 1e4))  # the second three where the first only fall
+DAMPINGS = (1e-3, 0.1, 1.0, 10.0)
+_DAMPED = (DAMPINGS, (100.0, 1e3, 1e4))  # the second three where the first only fall
 _NEARLY_LINEAR = ("form.",)
 _MOST = 10  # steps of a climb
 _ENOUGH_NATS = 0.3  # a step that gains less ends a climb
 _RACED = 2  # steps after which those that fall behind stop
 _BEHIND = 0.5  # share of what the best has gained that another must have
-_NEAR_NATS = 15.0  # none this near to the best has fallen behind
+NEAR_NATS = 15.0  # none this near to the best has fallen behind
 
 
 def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
@@ -42,7 +44,7 @@ def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
         best = max((f.objective for f in fits), default=0.0) - base.objective
         for i, fitted in enumerate(fits):
             gained = fitted.objective - base.objective
-            behind = step >= _RACED and gained < min(_BEHIND * best, best - _NEAR_NATS)
+            behind = step >= _RACED and gained < min(_BEHIND * best, best - NEAR_NATS)
             if rising[i] and not behind:
                 fits[i], rise = advanced(model, fitted)
                 rising[i] = rise > _ENOUGH_NATS
@@ -61,13 +63,16 @@ def finished(
     A race ends where steps get short, and along a curved valley that is far below the summit: what
     leads there need not lead at the end. Two more climbs start with the effect's size from the race
     or from before it, and all else as in the base; this goes round most such valleys. `ended` is
-    called with the number of fits decided on.
+    called with the number of fits decided on. Of a dear model only the leader is climbed, and once:
+    what may equal it is asked from its end later, which takes a fraction of the time.
     """
     best = max((f.objective for f in fits), default=0.0) - base.objective
+    least = best if is_dear(model) else min(_BEHIND * best, best - NEAR_NATS)
     reached = {}
     for i, (start, fitted) in enumerate(zip(starts, fits, strict=True)):
-        if fitted.objective - base.objective > min(_BEHIND * best, best - _NEAR_NATS):
-            reached[i] = to_the_end(model, base, [start.theta, fitted.theta], fitted)
+        if fitted.objective - base.objective >= least:
+            points = [fitted.theta] if is_dear(model) else [start.theta, fitted.theta]
+            reached[i] = to_the_end(model, base, points, fitted)
         ended(i + 1)
     return reached
 
@@ -106,7 +111,7 @@ def height(fitted: Fit) -> float:
 def advanced(model: Comparison, fitted: Fit) -> tuple[Fit, float]:
     """The fit after one step, with fresh slopes, and the nats that the step gained."""
     for dampings in _DAMPED:
-        points = np.array([_stepped(fitted, damping) for damping in dampings])
+        points = np.array([stepped(fitted, damping) for damping in dampings])
         scores = scores_of(model, fitted.hypothesis, points, fitted.episodes)
         reached = [_objective(fitted, p, s) for p, s in zip(points, scores, strict=True)]
         best = int(np.argmax(np.nan_to_num(reached, nan=-np.inf)))
@@ -120,7 +125,7 @@ def _objective(fitted: Fit, theta: FloatArray, scores: Sequence[Score]) -> float
     return sum(float(s.log_density.sum()) for s in scores) + log_prior(fitted.free, theta)
 
 
-def _stepped(fitted: Fit, damping: float) -> FloatArray:
+def stepped(fitted: Fit, damping: float) -> FloatArray:
     """A step of Levenberg and Marquardt within the bounds."""
     free, theta = fitted.free, fitted.theta
     precision = prior_precision(free)

@@ -182,7 +182,7 @@ def _look(
     base, moved, count = ground.base, plan.moved, len(plan.amplitudes)
     climb = _Climb(ground, plan.name, plan.free, plan.amplitudes)
     columns = [
-        _slopes(base, plan.free, scores[k : k + count], moved[k : k + count])
+        slopes_with(base, plan.free, scores[k : k + count], moved[k : k + count])
         for k in range(0, len(moved), count)
     ]
     leapt = scores[len(moved) :]
@@ -274,7 +274,7 @@ def aside(theta: FloatArray, free: Sequence[Free], i: int) -> tuple[FloatArray, 
     return moved, size
 
 
-def _slopes(
+def slopes_with(
     base: Fit,
     free: Sequence[Free],
     beside: Sequence[tuple[Score, ...]],

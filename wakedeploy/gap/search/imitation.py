@@ -20,19 +20,22 @@ from wakedeploy.gap.evidence.fits import (
     bounds_of,
     densities,
     extended,
+    is_dear,
     own_places,
     scores_of,
 )
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.climbing import height, raced
+from wakedeploy.gap.search.climbing import DAMPINGS, height, raced, stepped
 from wakedeploy.gap.search.comparison import Comparison
-from wakedeploy.gap.search.first_look import aside, starts_of, together
+from wakedeploy.gap.search.first_look import aside, slopes_with, starts_of, together
 
 NEAR = 0.3  # share of the best one's gain that another must reach there to be fitted
 _MOST = 4  # that are fitted from there
 _LEADERS = 3  # the most candidates from whose ends others are tried
 _SIZED = 3  # times that a candidate is sized
 _LIKE = 0.3  # cosine from which on a candidate is sized
+_ALIKE = 0.8  # cosine from which on a candidate follows the best one
+_FOLLOWED, _FOLLOWING = 8, 4  # how many do, and how many steps
 _MOSTLY = 0.1  # share that may be left of what the best one does
 _DELAYS = (0.5, 1.0)  # of the best one's: two lags in series are each half as long
 Added = tuple[str, ...]  # the effects that a candidate adds to a base
@@ -61,6 +64,8 @@ def _imitating(
     if gained < RULES.least_nats:
         return {}
     begun = doing_alike(model, base, fitted[best], [(n,) for n in fitted if n != best])
+    if is_dear(model):
+        begun |= _followed(model, base, fitted[best], begun)
     near = {
         n: f
         for (n,), f in begun.items()
@@ -100,6 +105,38 @@ def doing_alike(
         at = {a: fits[0] for a, fits in _placed(model, base, best, sized)}
         highest |= {a: max(highest[a], f, key=height) for a, f in at.items()}
         at = {a: f for a, f in at.items() if _apart(f, best) < least}
+    return highest
+
+
+def _followed(
+    model: Comparison, base: Fit, best: Fit, begun: Mapping[Added, Fit]
+) -> dict[Added, Fit]:
+    """Those most like the best, a few steps on, all that they share with it by its slopes.
+
+    Where its constants have bent to it, another that does the same is off by a little of each, and
+    with little noise that costs more than it gains. Slopes of its own would take a run for each.
+    """
+    absent = _absent(model, base, best)
+    alike = {a: _likeness(absent, f, best) for a, f in begun.items()}
+    chosen = sorted((a for a in alike if alike[a] > _ALIKE), key=lambda a: -alike[a])
+    highest = {a: begun[a] for a in chosen[:_FOLLOWED]}
+    rising = dict(highest)
+    for _ in range(_FOLLOWING):
+        beside = {a: [aside(f.theta, f.free, i) for i in _places(f.free, a)]
+                  for a, f in rising.items()}  # fmt: skip
+        moved = {a: [theta for theta, _ in each] for a, each in beside.items()}
+        steps = dict[Added, list[FloatArray]]()
+        for a, fits in _placed(model, base, best, moved):
+            f = rising[a]
+            at = zip(_places(f.free, a), beside[a], strict=True)
+            known = replace(best, slopes=replace(best.slopes, scores=f.slopes.scores))
+            slopes = slopes_with(
+                known, f.free, [m.slopes.scores for m in fits], [(i, *each) for i, each in at]
+            )
+            steps[a] = [stepped(replace(f, slopes=slopes), damping) for damping in DAMPINGS]
+        reached = {a: max(fits, key=height) for a, fits in _placed(model, base, best, steps)}
+        rising = {a: f for a, f in reached.items() if height(f) > height(highest[a])}
+        highest |= rising
     return highest
 
 

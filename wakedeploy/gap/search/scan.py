@@ -8,12 +8,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, own_parameters
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, is_dear, own_parameters
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.climbing import begun, climbed, finished, raced, sized, to_the_end
+from wakedeploy.gap.search.climbing import (
+    NEAR_NATS,
+    begun,
+    climbed,
+    finished,
+    height,
+    raced,
+    sized,
+    to_the_end,
+)
 from wakedeploy.gap.search.comparison import Comparison, is_far_ahead
 from wakedeploy.gap.search.first_look import Ground, Look, looks, white_rest
 from wakedeploy.gap.search.imitation import imitated
@@ -60,11 +69,13 @@ def ranked(
     known = {**begun_moving(model, base, names), **known}
     ends |= {n: f for n, f in known.items() if f.objective > ends.get(n, fitted[n]).objective}
     ends |= {name: _highest(model, base, contender) for name, contender in ends.items()}
-    alike = _lookalikes(model, ground, order, fitted, ends)
+    alike = {} if is_dear(model) else _lookalikes(model, ground, order, fitted, ends)
     ends |= {n: f if n in ends else _highest(model, base, f) for n, f in alike.items()}
     fitted |= ends
     steps(total, total)
     fitted = imitated(model, base, fitted)
+    if is_dear(model):
+        fitted |= _rested(model, base, {seen.name: seen.fit for seen in order}, fitted, ends)
     best_first, chance = _compared(model, ground, order, fitted)
     if best_first and best_first[0].gain_nats < chance.nats and not base.hypothesis:
         remaining = [seen for seen in order if seen.name not in ends]
@@ -72,6 +83,30 @@ def ranked(
         if further:
             best_first, chance = _compared(model, ground, order, fitted | further)
     return best_first, chance
+
+
+def _rested(
+    model: Comparison,
+    base: Fit,
+    starts: Mapping[str, Fit],
+    fitted: Mapping[str, Fit],
+    ends: Mapping[str, Fit],
+) -> dict[str, Fit]:
+    """The best fit and those near to it, at rest: a race may end below a summit.
+
+    The best is climbed to the end, if it is not the one that was; `ends` rest already.
+    """
+    order = sorted(fitted, key=lambda n: -height(fitted[n]))[: _MOST_ALIKE + 1]
+    rested: dict[str, Fit] = {}
+    for name in order:
+        reached = fitted[name]
+        if reached is ends.get(name) or height(reached) < height(fitted[order[0]]) - NEAR_NATS:
+            continue
+        if name == order[0]:
+            rested[name] = to_the_end(model, base, [starts[name].theta], reached)
+        else:
+            rested[name] = settled(model, reached)[0]
+    return rested
 
 
 def _compared(

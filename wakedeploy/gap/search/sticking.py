@@ -9,8 +9,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, densities, extended, own_places, scores_of
+from wakedeploy.gap.evidence.fits import (
+    Fit,
+    densities,
+    extended,
+    is_dear,
+    own_places,
+    scores_of,
+)
 from wakedeploy.gap.evidence.inference import fit, settled
+from wakedeploy.gap.search.climbing import begun, raced
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.first_look import starts_of
 
@@ -18,15 +26,18 @@ from wakedeploy.gap.search.first_look import starts_of
 def begun_moving(model: Comparison, base: Fit, names: Sequence[str]) -> dict[str, Fit]:
     """Those of the effects that a friction of the base may hold, each climbed to its end."""
     held = [name for name in model.held_by_friction(base.hypothesis) if name in names]
-    return {name: _climbed(model, base, name) for name in held}
+    starts = {name: _start(model, base, name) for name in held}
+    if is_dear(model):
+        return dict(zip(held, raced(model, base, list(starts.values())), strict=True))
+    fits = {n: fit(model, s.hypothesis, base.episodes, s.theta) for n, s in starts.items()}
+    return {name: settled(model, fitted)[0] for name, fitted in fits.items()}
 
 
-def _climbed(model: Comparison, base: Fit, name: str) -> Fit:
-    """The climb from an effect's usual size, to the side on which it is better there."""
+def _start(model: Comparison, base: Fit, name: str) -> Fit:
+    """An effect at its usual size, on the side on which it is better there."""
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
     starts = np.array(starts_of(extended(base, free), free, own_places(free, name)))
     scored = scores_of(model, hypothesis, starts, base.episodes)
     heights = np.nan_to_num([densities(scores).sum() for scores in scored], nan=-np.inf)
-    best = starts[int(np.argmax(heights))]
-    return settled(model, fit(model, hypothesis, base.episodes, best))[0]
+    return begun(model, hypothesis, base, starts[int(np.argmax(heights))])

@@ -1,0 +1,99 @@
+"""A search where each parameter set takes as long as the first: as good, with fewer of them."""
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.search.judging import fitted_base
+from wakedeploy.gap.search.scan import ranked
+from wakedeploy.gap.systems.checks import checked
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+
+RATE_HZ, FINE = 50.0, 20
+STIFF, DAMPED = 400.0, 30.0
+
+
+class Servo(System):
+    """A servo as an outside simulator would give it."""
+
+    rate_hz = RATE_HZ
+    inputs = [Input("command_rad", "rad")]
+    states = {"angle_rad": "rad", "speed_radps": "rad/s"}
+    outputs = [Output("angle_rad", "rad", noise=5e-4)]
+    constants = [Constant("stiff", STIFF, 20.0), Constant("damped", DAMPED, 2.0)]
+    ports = [
+        Port.input("command_rad", kinds=["dead-time", "lag", "backlash", "gain"]),
+        Port.force("speed_radps", position="angle_rad",
+                   kinds=["coulomb-friction", "viscous-friction", "stiffness", "offset"]),
+        Port.output("angle_rad", kinds=["sensor-gain", "sensor-lag", "sensor-dead-time"]),
+    ]  # fmt: skip
+    costs_by_point = True
+
+    def derivative(self, state, inputs, c):
+        pull = c.stiff * (inputs.command_rad - state.angle_rad) - c.damped * state.speed_radps
+        return {"angle_rad": state.speed_radps, "speed_radps": pull}
+
+
+class Counted(LogModel):
+    """Counts parameter sets; `is_dear` as it is told, and nothing is scored ahead."""
+
+    def __init__(self, log: Recording, dear: bool) -> None:
+        self.sets, self._dear = 0, dear
+        super().__init__(checked(Servo()), [log])
+
+    @property
+    def is_dear(self) -> bool:
+        return self._dear
+
+    def sets_at_once(self, episodes):
+        return 1
+
+    def scores(self, hypothesis, thetas, episodes):
+        self.sets += len(thetas)
+        return super().scores(hypothesis, thetas, episodes)
+
+
+def _log(sticks: float, late: int, adds: float) -> Recording:
+    rng, n = np.random.default_rng(2), 900
+    time_s = np.arange(n) / RATE_HZ
+    steps = rng.uniform(-0.3, 0.3, n // 60).repeat(60)
+    command = np.where(time_s % 8.0 < 4.0, 0.5 * np.sin(2.0 * time_s), steps)
+    angle, speed, shown = command[0], 0.0, []
+    for k in range(n):
+        shown.append(angle)
+        for _ in range(FINE):
+            pull = STIFF * (command[max(k - late, 0)] - angle) - DAMPED * speed + adds
+            speed += (pull + rng.normal(0.0, 1.0)) / RATE_HZ / FINE
+            speed = np.sign(speed) * max(abs(speed) - sticks / RATE_HZ / FINE, 0.0)
+            angle += speed / RATE_HZ / FINE
+    read = np.array(shown) + rng.normal(0.0, 5e-4, n)
+    return Recording("servo", time_s, {"command_rad": command, "angle_rad": read})
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize(
+    ("hidden", "truth", "most"),
+    [
+        ({"sticks": 20.0, "late": 0, "adds": 0.0}, {"coulomb-friction@speed_radps"}, 1.0),
+        ({"sticks": 0.0, "late": 2, "adds": 0.0},
+         {"dead-time@command_rad", "sensor-dead-time@angle_rad"}, 0.4),
+        ({"sticks": 0.0, "late": 0, "adds": 8.0}, {"offset@speed_radps"}, 0.9),
+    ],
+)  # fmt: skip
+def test_a_dear_system_has_the_same_leaders_for_fewer_sets(hidden, truth, most):
+    log, tops, sets = _log(**hidden), [], []
+    for dear in (False, True):
+        model = Counted(log, dear)
+        base = fitted_base(model)
+        model.sets = 0
+        ranking, _ = ranked(model, base, list(model.effects))
+        sets.append(model.sets)
+        tops.append({c.name: c.gain_nats for c in ranking[:4]})
+    thorough, frugal = tops
+    best = max(thorough.values())
+    equal = {n for n, gain in thorough.items() if gain > best - 5.0}
+    assert truth & equal
+    for name in equal:
+        assert frugal[name] == pytest.approx(thorough[name], abs=1.0)
+    assert sets[1] < most * sets[0]
