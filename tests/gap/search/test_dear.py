@@ -5,6 +5,11 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.fits import Fit, extended, own_places
+from wakedeploy.gap.evidence.inference import fit, settled
+from wakedeploy.gap.search import scan
+from wakedeploy.gap.search.first_look import starts_of
+from wakedeploy.gap.search.imitation import _followed, doing_alike
 from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.search.scan import ranked
 from wakedeploy.gap.systems.checks import checked
@@ -97,3 +102,51 @@ def test_a_dear_system_has_the_same_leaders_for_fewer_sets(hidden, truth, most):
     for name in equal:
         assert frugal[name] == pytest.approx(thorough[name], abs=1.0)
     assert sets[1] < most * sets[0]
+
+
+def test_what_does_as_the_leader_does_follows_it_by_its_slopes():
+    """Beside a fitted lag, with its noise and constants, a delay costs more than it gains."""
+    model = Counted(_log(sticks=0.0, late=2, adds=0.0), dear=True)
+    base = fitted_base(model)
+    lag = fit(model, ("lag@command_rad",), base.episodes, _started(model, base, "lag@command_rad"))
+    delay = ("dead-time@command_rad",)
+    alike = doing_alike(model, base, lag, [delay])
+    assert alike[delay].objective < base.objective
+    model.sets = 0
+    followed = _followed(model, base, lag, alike)
+    assert followed[delay].objective > 0.5 * (base.objective + lag.objective)
+    assert model.sets < 3 * len(lag.free)
+
+
+def _started(model: LogModel, base: Fit, name: str) -> np.ndarray:
+    free = model.free((name,))
+    return starts_of(extended(base, free), free, own_places(free, name))[0]
+
+
+def test_where_nothing_is_missing_a_dear_system_is_asked_for_no_more_sets():
+    log, sets = _log(sticks=0.0, late=0, adds=0.0), []
+    for dear in (False, True):
+        model = Counted(log, dear)
+        base = fitted_base(model)
+        model.sets = 0
+        ranking, chance = ranked(model, base, list(model.effects))
+        assert ranking[0].gain_nats < chance.nats
+        sets.append(model.sets)
+    assert sets[1] <= sets[0]
+
+
+@pytest.mark.whole
+def test_what_a_friction_holds_comes_to_rest_beside_it(monkeypatch):
+    """Also where it promises so little at 0 that a look chooses none."""
+    monkeypatch.setattr(scan, "CLIMBED", 0)
+    log, gains = _log(sticks=20.0, late=0, adds=15.0), []
+    for dear in (False, True):
+        model = Counted(log, dear)
+        hypothesis = ("coulomb-friction@speed_radps",)
+        start = _started(model, fit(model, (), range(model.episodes)), hypothesis[0])
+        base = settled(model, fit(model, hypothesis, range(model.episodes), start))[0]
+        ranking, _ = ranked(model, base, ["offset@speed_radps"])
+        gains.append(ranking[0].gain_nats)
+        assert settled(model, ranking[0].fit)[0].objective < ranking[0].fit.objective + 0.3
+    assert gains[1] > 50.0
+    assert gains[1] == pytest.approx(gains[0], abs=1.0)

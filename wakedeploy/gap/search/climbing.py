@@ -63,15 +63,16 @@ def finished(
     A race ends where steps get short, and along a curved valley that is far below the summit: what
     leads there need not lead at the end. Two more climbs start with the effect's size from the race
     or from before it, and all else as in the base; this goes round most such valleys. `ended` is
-    called with the number of fits decided on. Of a dear model only the leader is climbed, and once:
-    what may equal it is asked from its end later, which takes a fraction of the time.
+    called with the number of fits decided on. Of a dear model only the leader is climbed, by the
+    second of these: what may equal it is asked from its end later, for a fraction of the time.
     """
     best = max((f.objective for f in fits), default=0.0) - base.objective
-    least = best if is_dear(model) else min(_BEHIND * best, best - NEAR_NATS)
+    least, dear = min(_BEHIND * best, best - NEAR_NATS), is_dear(model)
     reached = {}
     for i, (start, fitted) in enumerate(zip(starts, fits, strict=True)):
-        if fitted.objective - base.objective >= least:
-            points = [fitted.theta] if is_dear(model) else [start.theta, fitted.theta]
+        gained = fitted.objective - base.objective
+        if gained == best if dear else gained > least:
+            points = [fitted.theta] if dear else [start.theta, fitted.theta]
             reached[i] = to_the_end(model, base, points, fitted)
         ended(i + 1)
     return reached

@@ -66,6 +66,7 @@ def ranked(
         model, base, starts, fits, lambda k: steps(len(names) + _CLIMB_LOOKS * k, total)
     )
     ends = {chosen[i].name: f for i, f in ended.items()}
+    resting = dict(ends)
     known = {**begun_moving(model, base, names), **known}
     ends |= {n: f for n, f in known.items() if f.objective > ends.get(n, fitted[n]).objective}
     ends |= {name: _highest(model, base, contender) for name, contender in ends.items()}
@@ -75,7 +76,9 @@ def ranked(
     steps(total, total)
     fitted = imitated(model, base, fitted)
     if is_dear(model):
-        fitted |= _rested(model, base, {seen.name: seen.fit for seen in order}, fitted, ends)
+        starts_of = {seen.name: seen.fit for seen in order}
+        rested = _rested(model, base, starts_of, fitted, resting)
+        fitted, ends = fitted | rested, ends | rested
     best_first, chance = _compared(model, ground, order, fitted)
     if best_first and best_first[0].gain_nats < chance.nats and not base.hypothesis:
         remaining = [seen for seen in order if seen.name not in ends]
@@ -90,17 +93,21 @@ def _rested(
     base: Fit,
     starts: Mapping[str, Fit],
     fitted: Mapping[str, Fit],
-    ends: Mapping[str, Fit],
+    resting: Mapping[str, Fit],
 ) -> dict[str, Fit]:
     """The best fit and those near to it, at rest: a race may end below a summit.
 
-    The best is climbed to the end, if it is not the one that was; `ends` rest already.
+    The best is climbed to the end, from its start in `starts`, too. Those that are `resting` do so
+    already, and where none gains anything none is worth the time.
     """
     order = sorted(fitted, key=lambda n: -height(fitted[n]))[: _MOST_ALIKE + 1]
+    highest = max((height(fitted[name]) for name in order), default=-np.inf)
+    if highest < height(base) + RULES.least_nats:
+        return {}
     rested: dict[str, Fit] = {}
     for name in order:
         reached = fitted[name]
-        if reached is ends.get(name) or height(reached) < height(fitted[order[0]]) - NEAR_NATS:
+        if reached is resting.get(name) or height(reached) < highest - NEAR_NATS:
             continue
         if name == order[0]:
             rested[name] = to_the_end(model, base, [starts[name].theta], reached)

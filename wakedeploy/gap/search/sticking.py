@@ -24,7 +24,10 @@ from wakedeploy.gap.search.first_look import starts_of
 
 
 def begun_moving(model: Comparison, base: Fit, names: Sequence[str]) -> dict[str, Fit]:
-    """Those of the effects that a friction of the base may hold, each climbed to its end."""
+    """Those of the effects that a friction of the base may hold, each climbed to its end.
+
+    Of a dear model they are raced, which may leave them on the way.
+    """
     held = [name for name in model.held_by_friction(base.hypothesis) if name in names]
     starts = {name: _start(model, base, name) for name in held}
     if is_dear(model):

@@ -199,7 +199,7 @@ class MjcfSystem(System):
             if model is None:
                 model = known[key] = self._with(row)
             models.append(model)
-        if len(self._latest) > _MOST_SHAPES:
+        if len(self._latest) >= _MOST_SHAPES:
             self._latest.clear()
         self._latest[shape] = asked, models
         return models
