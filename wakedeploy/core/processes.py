@@ -100,7 +100,7 @@ def pool(
         try:
             yield Pool(executor)
         except BaseException:
-            manager = executor._executor_manager_thread  # `shutdown` forgets it, waiting for or not
+            manager = getattr(executor, "_executor_manager_thread", None)  # `shutdown` forgets it
             executor.shutdown(wait=False, cancel_futures=True)
             for process in set(multiprocessing.active_children()) - others:
                 process.kill()
