@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from plain_servo import DAMPED, RATE_HZ, STIFF, Servo
 
-from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy import Port
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Fit, extended, own_places
 from wakedeploy.gap.evidence.inference import fit, settled
@@ -15,18 +16,12 @@ from wakedeploy.gap.search.scan import ranked
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
-RATE_HZ, FINE = 50.0, 20
-STIFF, DAMPED = 400.0, 30.0
+FINE = 20
 
 
-class Servo(System):
+class Dear(Servo):
     """A servo as an outside simulator would give it."""
 
-    rate_hz = RATE_HZ
-    inputs = [Input("command_rad", "rad")]
-    states = {"angle_rad": "rad", "speed_radps": "rad/s"}
-    outputs = [Output("angle_rad", "rad", noise=5e-4)]
-    constants = [Constant("stiff", STIFF, 20.0), Constant("damped", DAMPED, 2.0)]
     ports = [
         Port.input("command_rad", kinds=["dead-time", "lag", "backlash", "gain"]),
         Port.force("speed_radps", position="angle_rad",
@@ -35,17 +30,13 @@ class Servo(System):
     ]  # fmt: skip
     costs_by_point = True
 
-    def derivative(self, state, inputs, c):
-        pull = c.stiff * (inputs.command_rad - state.angle_rad) - c.damped * state.speed_radps
-        return {"angle_rad": state.speed_radps, "speed_radps": pull}
-
 
 class Counted(LogModel):
     """Counts parameter sets; `is_dear` as it is told, and nothing is scored ahead."""
 
     def __init__(self, log: Recording, dear: bool) -> None:
         self.sets, self._dear = 0, dear
-        super().__init__(checked(Servo()), [log])
+        super().__init__(checked(Dear()), [log])
 
     @property
     def is_dear(self) -> bool:

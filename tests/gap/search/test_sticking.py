@@ -4,8 +4,9 @@ import functools
 
 import numpy as np
 import pytest
+from plain_servo import DAMPED, RATE_HZ, STIFF, Servo
 
-from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy import Input, Output, Port
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Fit, own_places
 from wakedeploy.gap.evidence.inference import fit, settled
@@ -20,27 +21,9 @@ from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 pytestmark = pytest.mark.whole
 
-RATE_HZ, FINE = 50.0, 40
-STIFF, DAMPED, STICKS, WEIGHS = 400.0, 30.0, 40.0, 36.0
+FINE, STICKS, WEIGHS = 40, 40.0, 36.0
 FRICTION, BACKLASH = "coulomb-friction@speed_radps", "backlash@command_rad"
 CONSTANT = {"bias@command_rad", "offset@speed_radps", "sensor-bias@angle_rad"}
-
-
-class Servo(System):
-    rate_hz = RATE_HZ
-    inputs = [Input("command_rad", "rad")]
-    states = {"angle_rad": "rad", "speed_radps": "rad/s"}
-    outputs = [Output("angle_rad", "rad", noise=5e-4)]
-    constants = [Constant("stiff", STIFF, 20.0), Constant("damped", DAMPED, 2.0)]
-    ports = [
-        Port.input("command_rad"),
-        Port.force("speed_radps", position="angle_rad"),
-        Port.output("angle_rad"),
-    ]
-
-    def derivative(self, state, inputs, c):
-        pull = c.stiff * (inputs.command_rad - state.angle_rad) - c.damped * state.speed_radps
-        return {"angle_rad": state.speed_radps, "speed_radps": pull}
 
 
 def _log(weighs: float) -> Recording:
