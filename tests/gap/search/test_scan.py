@@ -20,19 +20,50 @@ class _Frictions(ComparisonDefaults):
         return ["dry@v"] if name == "finer@v" else []
 
     def free(self, hypothesis):
-        return tuple(_free(f"{name}.size", "N") for name in hypothesis)
+        return tuple(_free(f"{name}.size") for name in hypothesis)
 
 
-def _free(name, unit):
-    return Free(name, unit, 0.0, 1.0, 0.0, 10.0, 1e-3, (0.1,))
+def _free(name):
+    return Free(name, "N", 0.0, 1.0, 0.0, 10.0, 1e-3, (0.1,))
 
 
-def _fit(name, unit="N", objective=0.0):
-    free, theta = (_free(f"{name}.size", unit),), np.array([0.5])
+def _fit(name, objective=0.0):
+    free, theta = (_free(f"{name}.size"),), np.array([0.5])
     return SimpleNamespace(
         hypothesis=(name,), free=free, names=[free[0].name], theta=theta, objective=objective,
         value=lambda _: 0.5,
     )  # fmt: skip
+
+
+def test_only_what_is_higher_replaces_a_fit(monkeypatch):
+    """Where chance gains more than all, those not raced are climbed from their starts, too."""
+    at = {"raced": 30.0, "looked": 12.0, "lower": 5.0}
+    fits = {where: _fit("dry@v", objective) for where, objective in at.items()}
+    seen = [SimpleNamespace(name=n, fit=f, prospect=lambda base, f=f: f.objective)
+            for n, f in (("finer@v", fits["raced"]), ("dry@v", fits["looked"]))]  # fmt: skip
+    asked = []
+
+    def compared(model, ground, order, fitted):
+        asked.append({n: f.objective for n, f in fitted.items()})
+        best = sorted(fitted, key=lambda n: -fitted[n].objective)
+        gains = [Candidate(n, fitted[n], np.array([fitted[n].objective])) for n in best]
+        return gains, SimpleNamespace(nats=40.0)
+
+    monkeypatch.setattr(scan, "CLIMBED", 1)
+    monkeypatch.setattr(scan.Ground, "of", lambda base: None)
+    monkeypatch.setattr(scan, "looks", lambda *given: seen)
+    monkeypatch.setattr(scan, "raced", lambda model, base, starts: list(starts))
+    monkeypatch.setattr(scan, "to_the_end", lambda model, base, points, fitted: fitted)
+    monkeypatch.setattr(scan, "begun_moving", lambda *given: {})
+    monkeypatch.setattr(scan, "imitated", lambda model, base, fitted: fitted)
+    monkeypatch.setattr(scan, "_compared", compared)
+    base = SimpleNamespace(hypothesis=(), objective=0.0)
+    for further in ("lower", "raced"):
+        monkeypatch.setattr(
+            scan, "_from_their_starts", lambda *given, f=further: {"dry@v": fits[f]}
+        )
+        scan.ranked(_Frictions(), base, ["finer@v", "dry@v"])
+    assert [each["dry@v"] for each in asked] == [12.0, 12.0, 30.0]
 
 
 @pytest.mark.parametrize(("summit", "named"), [(30.0, "dry@v"), (20.0, "finer@v")])
@@ -60,21 +91,3 @@ def test_a_simpler_kind_is_climbed_to_its_summit_before_it_loses_its_name(
     base = SimpleNamespace(hypothesis=(), episodes=(0,))
     assert scan.simpler(_Frictions(), base, best, [known]).name == named
     assert [p.tolist() for p in begun_at] == [[0.5], [0.5]]  # of the best one, and its own
-
-
-@pytest.mark.parametrize(("unit", "asked"), [("s", True), ("N", False)])
-def test_a_delay_that_promises_nothing_is_asked_where_it_looks_like_the_leading_one(
-    monkeypatch, unit, asked
-):
-    monkeypatch.setattr(scan, "_likeness", lambda *given: 0.9)
-    monkeypatch.setattr(scan, "to_the_end", lambda model, base, points, fitted: points)
-    order = [
-        SimpleNamespace(name="lag@y", promised=0.0, fit=_fit("lag@y", "s", 20.0)),
-        SimpleNamespace(name="delay@u", promised=0.0, fit=_fit("delay@u", unit)),
-    ]
-    fitted = {seen.name: seen.fit for seen in order}
-    ground = SimpleNamespace(base=None)
-    alike = scan._lookalikes(None, ground, order, fitted, {"lag@y": fitted["lag@y"]})
-    assert ("delay@u" in alike) == asked
-    late = [float(p[0]) for p in alike.get("delay@u", [])]
-    assert late == ([0.5, 0.5, 1.0] if asked else [])  # as it is, as late, and twice as late

@@ -68,7 +68,7 @@ def leading(force) -> Candidate:
     model, told = LogModel(Carriage(), [recorded(force)]), list[tuple[int, int]]()
     names = list(model.effects)
     best = ranked(model, fitted_base(model), names, lambda *at: told.append(at))[0][0]
-    # What takes longest, a climb, is told step by step as well.
+    # What takes longest, the climbs, is told in parts as well.
     assert told == sorted(told)
     assert {total for _, total in told} == {told[-1][0]}
     assert any(len(names) < done < total for done, total in told)

@@ -125,11 +125,6 @@ def sets_at_once(model: Model, episodes: Sequence[int]) -> int:
     return 1 if counted is None else int(counted(episodes))
 
 
-def is_dear(model: Model) -> bool:
-    """Whether a model says that each parameter set takes as long as the first."""
-    return bool(getattr(model, "is_dear", False))
-
-
 @dataclass(frozen=True, eq=False)
 class Slopes:
     """Scores of several episodes and their derivatives by every parameter."""

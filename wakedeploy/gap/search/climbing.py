@@ -4,7 +4,7 @@ In: a `Comparison` and points. Out: fits. A step is tried with several dampings 
 logs: a run with several parameter sets costs little more than one with a single set.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from wakedeploy.gap.evidence.fits import (
     Slopes,
     bounds_of,
     densities,
-    is_dear,
     log_prior,
     neutral,
     prior_precision,
@@ -51,35 +50,20 @@ def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
     return fits
 
 
-def finished(
-    model: Comparison,
-    base: Fit,
-    starts: Sequence[Fit],
-    fits: Sequence[Fit],
-    ended: Callable[[int], None] = lambda count: None,
-) -> dict[int, Fit]:
-    """The fits that may be the best one, climbed to the end, by their place in the race.
-
-    A race ends where steps get short, and along a curved valley that is far below the summit: what
-    leads there need not lead at the end. Two more climbs start with the effect's size from the race
-    or from before it, and all else as in the base; this goes round most such valleys. `ended` is
-    called with the number of fits decided on. Of a dear model only the leader is climbed, by the
-    second of these: what may equal it is asked from its end later, for a fraction of the time.
-    """
-    best = max((f.objective for f in fits), default=0.0) - base.objective
-    least, dear = min(_BEHIND * best, best - NEAR_NATS), is_dear(model)
-    reached = {}
-    for i, (start, fitted) in enumerate(zip(starts, fits, strict=True)):
-        gained = fitted.objective - base.objective
-        if gained == best if dear else gained > least:
-            points = [fitted.theta] if dear else [start.theta, fitted.theta]
-            reached[i] = to_the_end(model, base, points, fitted)
-        ended(i + 1)
-    return reached
+def contending(base: Fit, fits: Mapping[str, Fit]) -> list[str]:
+    """The names of the fits that have not fallen behind the best one."""
+    gained = {name: height(f) - base.objective for name, f in fits.items()}
+    best = max(gained.values(), default=0.0)
+    return [n for n, gain in gained.items() if gain > min(_BEHIND * best, best - NEAR_NATS)]
 
 
 def to_the_end(model: Comparison, base: Fit, points: Sequence[FloatArray], fitted: Fit) -> Fit:
-    """The best of a candidate's fit and of climbs from its sizes at points (p,), else the base."""
+    """The best of a candidate's fit and of climbs from its sizes at points (p,), else the base.
+
+    A race ends where steps get short, and along a curved valley that is far below the summit. A
+    climb that starts with the effect's size from the race or from before it, and all else as in the
+    base, goes round most such valleys.
+    """
     reached = [fitted]
     for theta in points:
         begin = sized(base, fitted, theta)

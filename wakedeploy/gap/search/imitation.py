@@ -20,7 +20,6 @@ from wakedeploy.gap.evidence.fits import (
     bounds_of,
     densities,
     extended,
-    is_dear,
     own_places,
     scores_of,
 )
@@ -48,7 +47,7 @@ def imitated(model: Comparison, base: Fit, fitted: Mapping[str, Fit]) -> dict[st
     """
     known, tried = dict(fitted), set[str]()
     for _ in range(_LEADERS):
-        best = max(known, key=lambda n: known[n].objective, default=None)
+        best = max(known, key=lambda n: height(known[n]), default=None)
         if best is None or best in tried:
             break
         tried.add(best)
@@ -64,14 +63,13 @@ def _imitating(
     if gained < RULES.least_nats:
         return {}
     begun = doing_alike(model, base, fitted[best], [(n,) for n in fitted if n != best])
-    if is_dear(model):
-        begun |= _followed(model, base, fitted[best], begun)
+    begun |= _followed(model, base, fitted[best], begun)
     near = {
         n: f
         for (n,), f in begun.items()
-        if f.objective > max(fitted[n].objective, base.objective + NEAR * gained)
+        if f.objective > max(height(fitted[n]), base.objective + NEAR * gained)
     }
-    chosen = sorted(near, key=lambda n: -near[n].objective)[:_MOST]
+    chosen = sorted(near, key=lambda n: -height(near[n]))[:_MOST]
     return dict(zip(chosen, raced(model, base, [near[n] for n in chosen]), strict=True))
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, is_dear, own_parameters
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, own_parameters
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import StepsDone, uncounted
@@ -17,7 +17,7 @@ from wakedeploy.gap.search.climbing import (
     NEAR_NATS,
     begun,
     climbed,
-    finished,
+    contending,
     height,
     raced,
     sized,
@@ -30,9 +30,8 @@ from wakedeploy.gap.search.needed_gain import Chance
 from wakedeploy.gap.search.sticking import begun_moving
 
 CLIMBED = 6  # candidates that are raced
-_CLIMB_LOOKS = 10  # about as many looks as take the time of one climb to the end
-_ALIKE, _MOST_ALIKE = 0.6, 4  # cosine of look-alikes; how many of them are climbed to the end
-_BOTH_LATE = 0.3  # the same if both make something late: bent constants hide how alike they are
+_STAGES = 5  # each about as long: looks, a race, climbs to the end, imitation, rest
+_MOST_AT_REST = 5  # candidates near to the best, and itself, that are climbed until they rest
 DRAWS = 200  # of what chance would bring
 _AT_ONCE = 25
 WORTH = 0.1  # share of the best prospect that a candidate needs to be fitted
@@ -52,40 +51,54 @@ def ranked(
 
     `known` are fits of some candidates that began elsewhere.
     """
-    ground, total = Ground.of(base), len(names) + _CLIMB_LOOKS * CLIMBED
+    ground, total = Ground.of(base), _STAGES * len(names)
     seen_all = looks(model, ground, names, lambda done, _: steps(done, total))
     order = sorted(seen_all, key=lambda seen: -seen.prospect(base))
     most = order[0].prospect(base) if order else 0.0
     least = max(RULES.least_nats, WORTH * most)
     chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
-    starts = [seen.fit for seen in chosen]
-    fits = raced(model, base, starts)
-    fitted = {seen.name: seen.fit for seen in order}
-    fitted |= {seen.name: raced_fit for seen, raced_fit in zip(chosen, fits, strict=True)}
-    ended = finished(
-        model, base, starts, fits, lambda k: steps(len(names) + _CLIMB_LOOKS * k, total)
-    )
-    ends = {chosen[i].name: f for i, f in ended.items()}
-    resting = dict(ends)
-    known = {**begun_moving(model, base, names), **known}
-    ends |= {n: f for n, f in known.items() if f.objective > ends.get(n, fitted[n]).objective}
-    ends |= {name: _highest(model, base, contender) for name, contender in ends.items()}
-    alike = {} if is_dear(model) else _lookalikes(model, ground, order, fitted, ends)
-    ends |= {n: f if n in ends else _highest(model, base, f) for n, f in alike.items()}
-    fitted |= ends
-    steps(total, total)
+    fits = raced(model, base, [seen.fit for seen in chosen])
+    running = {seen.name: reached for seen, reached in zip(chosen, fits, strict=True)}
+    steps(2 * len(names), total)
+    begun_as = {seen.name: seen.fit for seen in order}
+    fitted = begun_as | running
+    resting = _ends(model, base, begun_as, running)
+    for elsewhere in (begun_moving(model, base, names), known):
+        higher = {n: f for n, f in elsewhere.items() if height(f) > height(fitted[n])}
+        fitted |= {name: _highest(model, base, reached) for name, reached in higher.items()}
+    fitted |= {n: f for n, f in resting.items() if height(f) > height(fitted[n])}
+    steps(3 * len(names), total)
     fitted = imitated(model, base, fitted)
-    if is_dear(model):
-        starts_of = {seen.name: seen.fit for seen in order}
-        rested = _rested(model, base, starts_of, fitted, resting)
-        fitted, ends = fitted | rested, ends | rested
+    steps(4 * len(names), total)
+    fitted |= _rested(model, base, begun_as, fitted, resting)
+    steps(total, total)
     best_first, chance = _compared(model, ground, order, fitted)
     if best_first and best_first[0].gain_nats < chance.nats and not base.hypothesis:
-        remaining = [seen for seen in order if seen.name not in ends]
+        remaining = [seen for seen in order if seen.name not in running]
         further = _from_their_starts(model, base, remaining)
-        if further:
-            best_first, chance = _compared(model, ground, order, fitted | further)
+        higher = {n: f for n, f in further.items() if height(f) > height(fitted[n])}
+        if higher:
+            best_first, chance = _compared(model, ground, order, fitted | higher)
     return best_first, chance
+
+
+def _ends(
+    model: Comparison, base: Fit, starts: Mapping[str, Fit], running: Mapping[str, Fit]
+) -> dict[str, Fit]:
+    """Of those raced the leader, climbed to the end from its start, too.
+
+    What may equal it is asked from its end later, for a fraction of the time. Not so what has
+    several summits: beside the noise of a leader that explains less, its true size may explain no
+    more than a wrong one.
+    """
+    if not running:
+        return {}
+    lead = max(running, key=lambda name: height(running[name]))
+    ends = {name: _highest(model, base, running[name]) for name in contending(base, running)}
+    ends = {name: end for name, end in ends.items() if end is not running[name]}
+    points = [starts[lead].theta, running[lead].theta]
+    led = to_the_end(model, base, points, running[lead])
+    return ends if lead in ends and height(ends[lead]) > height(led) else {**ends, lead: led}
 
 
 def _rested(
@@ -100,7 +113,7 @@ def _rested(
     The best is climbed to the end, from its start in `starts`, too. Those that are `resting` do so
     already, and where none gains anything none is worth the time.
     """
-    order = sorted(fitted, key=lambda n: -height(fitted[n]))[: _MOST_ALIKE + 1]
+    order = sorted(fitted, key=lambda n: -height(fitted[n]))[:_MOST_AT_REST]
     highest = max((height(fitted[name]) for name in order), default=-np.inf)
     if highest < height(base) + RULES.least_nats:
         return {}
@@ -127,7 +140,7 @@ def _compared(
 
 
 def _from_their_starts(model: Comparison, base: Fit, remaining: Sequence[Look]) -> dict[str, Fit]:
-    """Fits of candidates that a look did not choose, from their first sizes, with all else free.
+    """Fits of candidates that were not raced, from their first sizes, with all else free.
 
     Where constants have bent to what is missing, as a servo's to a backlash, no size promises
     anything beside them, and "nothing is missing" would be said beside hundreds of nats.
@@ -166,68 +179,9 @@ def _highest(model: Comparison, base: Fit, fitted: Fit) -> Fit:
     return settled(model, best)[0] if best.objective > fitted.objective else fitted
 
 
-def _lookalikes(
-    model: Comparison,
-    ground: Ground,
-    order: Sequence[Look],
-    fitted: Mapping[str, Fit],
-    ends: Mapping[str, Fit],
-) -> dict[str, Fit]:
-    """Candidates that change the outputs as the leader does, climbed to the end: each may be true.
-
-    Where constants have bent to what is missing, a candidate's promise at 0, and where a race
-    leaves it, say little of its summit. One that is late as the leader is starts as late, or twice
-    as late, as a second-order lag is by its time; it need promise nothing, as at first a delay
-    changes just what an input's clock does. At the leader's port it is always asked.
-    """
-    if not ends:
-        return {}
-    best = max(ends, key=lambda n: ends[n].objective)
-    lead = next(seen for seen in order if seen.name == best)
-    times = [f.name for f in _parameters_of_last(ends[best]) if f.unit == "s"]
-    late = ends[best].value(times[0]) if times else None
-    alike = []
-    for seen in order:
-        known = seen.name in ends
-        is_late = late is not None and any(f.unit == "s" for f in _parameters_of_last(seen.fit))
-        is_twin = is_late and seen.name.partition("@")[2] == best.partition("@")[2]
-        if seen is lead or not (is_late or (seen.promised > 0.0 and not known)):
-            continue
-        likeness = 1.0 if is_twin else _likeness(ground, lead, seen)
-        if likeness > (_BOTH_LATE if is_late else _ALIKE):
-            points = [] if known else [seen.fit.theta]
-            points += (
-                [_at(seen.fit, k * late) for k in (1, 2)] if is_late and late is not None else []
-            )
-            alike.append((likeness, seen.name, points))
-    alike.sort(key=lambda each: -each[0])
-    return {
-        name: to_the_end(model, ground.base, points, ends.get(name, fitted[name]))
-        for _, name, points in alike[:_MOST_ALIKE]
-    }
-
-
 def _parameters_of_last(fitted: Fit) -> list[Free]:
     """The parameters of the effect that a fit added last."""
     return own_parameters(fitted.free, fitted.hypothesis[-1])
-
-
-def _at(fitted: Fit, late_s: float) -> FloatArray:
-    """A candidate's point with its times at `late_s` [s]."""
-    times = {
-        f.name: np.clip(late_s, f.low, f.high) for f in _parameters_of_last(fitted) if f.unit == "s"
-    }
-    return np.array([times.get(f.name, v) for f, v in zip(fitted.free, fitted.theta, strict=True)])
-
-
-def _likeness(ground: Ground, look: Look, other: Look) -> float:
-    """The largest cosine between what two candidates change beyond the known directions."""
-    mine, theirs = ([_basis(columns, ground) for columns in seen.columns] for seen in (look, other))
-    return max(
-        float(np.linalg.norm(a.T @ b, 2)) if a.size and b.size else 0.0
-        for a in mine
-        for b in theirs
-    )
 
 
 def chance_nats(

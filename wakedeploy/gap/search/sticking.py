@@ -13,27 +13,18 @@ from wakedeploy.gap.evidence.fits import (
     Fit,
     densities,
     extended,
-    is_dear,
     own_places,
     scores_of,
 )
-from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.search.climbing import begun, raced
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.first_look import starts_of
 
 
 def begun_moving(model: Comparison, base: Fit, names: Sequence[str]) -> dict[str, Fit]:
-    """Those of the effects that a friction of the base may hold, each climbed to its end.
-
-    Of a dear model they are raced, which may leave them on the way.
-    """
+    """Those of the effects that a friction of the base may hold, raced from away from 0."""
     held = [name for name in model.held_by_friction(base.hypothesis) if name in names]
-    starts = {name: _start(model, base, name) for name in held}
-    if is_dear(model):
-        return dict(zip(held, raced(model, base, list(starts.values())), strict=True))
-    fits = {n: fit(model, s.hypothesis, base.episodes, s.theta) for n, s in starts.items()}
-    return {name: settled(model, fitted)[0] for name, fitted in fits.items()}
+    return dict(zip(held, raced(model, base, [_start(model, base, n) for n in held]), strict=True))
 
 
 def _start(model: Comparison, base: Fit, name: str) -> Fit:

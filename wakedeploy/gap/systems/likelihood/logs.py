@@ -237,14 +237,9 @@ class LogModel(ComparisonDefaults):
         each = [self._scored(run, i, episode) for i, episode in enumerate(episodes)]
         return list(zip(*each, strict=True))
 
-    @property
-    def is_dear(self) -> bool:
-        """Whether each parameter set takes as long as the first."""
-        return self.system.costs_by_point
-
     def sets_at_once(self, episodes: Sequence[int]) -> int:
         """The number of parameter sets that take at most twice the time of one."""
-        if self.is_dear:
+        if self.system.costs_by_point:
             return 1
         pieces = pieces_of([self.filter.blocks[e] for e in episodes], 0)
         return _LANES_AT_ONCE // len(pieces.log)
