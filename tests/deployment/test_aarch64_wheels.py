@@ -34,7 +34,6 @@ def test_what_has_no_wheel_is_missing_unless_only_the_rig_needs_it():
 
 
 @pytest.mark.slow
-@pytest.mark.install
 def test_pip_is_asked_for_the_pi_s_wheels_at_the_locked_versions(monkeypatch):
     constraints = ROOT / "constraints.txt"
     asked = [Requirement("numpy>=2.0"), Requirement("click>=8.1")]
@@ -46,13 +45,8 @@ def test_pip_is_asked_for_the_pi_s_wheels_at_the_locked_versions(monkeypatch):
     assert set(wheels.look(asked, "3.12", constraints)) == {"click"}
 
 
-@pytest.mark.parametrize(
-    "python",
-    [
-        *(pytest.param(python, marks=pytest.mark.slow) for python in wheels.PYTHONS[:-1]),
-        pytest.param(wheels.PYTHONS[-1], marks=[pytest.mark.whole, pytest.mark.install]),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("python", wheels.PYTHONS)
 def test_all_that_the_loop_needs_has_a_wheel_for_the_pi(python):
     found = wheels.search(python)
     assert {"numpy", "onnxruntime", "click"} <= set(found.wheels) - found.rig_only

@@ -110,11 +110,9 @@ def test_what_both_sides_lack_is_named_at_both(hidden, names, size, truth):
         )
 
 
-@pytest.mark.parametrize(
-    "gaining", [{"sample-and-hold@right_v", "sample-and-hold@left_v"}, {"lag@right_v"}]
-)
-def test_kinds_are_asked_at_ports_alike_that_gain_nothing_at_one_alone(gaining, monkeypatch):
-    """A lag of one motor turns the robot; a hold gains at either motor, or another effect does."""
+@pytest.fixture(scope="module")
+def slow_motors():
+    """A rover whose motors lag, as it is, and fits of each effect at one of them."""
 
     class Slow(Rover):
         ports: ClassVar = [
@@ -123,12 +121,24 @@ def test_kinds_are_asked_at_ports_alike_that_gain_nothing_at_one_alone(gaining, 
         ]
 
     model = LogModel(Slow(), [_driven(seed, lag_s=0.08) for seed in (1, 2)])
-    base = fitted_base(model)
-    verdicts = []
+    base, fits = fitted_base(model), {}
     for name in ("sample-and-hold@right_v", "sample-and-hold@left_v", "lag@right_v", "lag@left_v"):
         start = [0.08 if f.name.startswith(name) else f.neutral for f in model.free((name,))]
+        fits[name] = fit(model, (name,), base.episodes, np.array(start))
+    return model, base, fits
+
+
+@pytest.mark.parametrize(
+    "gaining", [{"sample-and-hold@right_v", "sample-and-hold@left_v"}, {"lag@right_v"}]
+)
+def test_kinds_are_asked_at_ports_alike_that_gain_nothing_at_one_alone(
+    slow_motors, gaining, monkeypatch
+):
+    """A lag of one motor turns the robot; a hold gains at either motor, or another effect does."""
+    model, base, fits = slow_motors
+    verdicts = []
+    for name, fitted in fits.items():
         gains = np.full(len(base.episodes), 1.0 if name in gaining else 0.0)
-        fitted = fit(model, (name,), base.episodes, np.array(start))
         verdicts.append(Verdict(Candidate(name, fitted, gains), ""))
     verdicts.sort(key=lambda v: -v.candidate.gain_nats)
     needed = {v.candidate.name: 5.0 for v in verdicts}

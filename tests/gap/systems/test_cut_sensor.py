@@ -49,7 +49,9 @@ def _model(seed: int) -> tuple[LogModel, float]:
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("seed", [1, 9, 14])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(1, marks=pytest.mark.slow), 9, pytest.param(14, marks=pytest.mark.slow)]
+)
 def test_a_floor_leads_although_the_estimate_crosses_it(seed: int) -> None:
     """In the last two the parabola of one block loses thousands of nats, and a stop would lead."""
     model, floor = _model(seed)

@@ -90,6 +90,10 @@ def written(path, columns, **scales):
     return path
 
 
+def slow(scales, said):
+    return pytest.param(scales, said, marks=pytest.mark.slow)
+
+
 def told(cart, step, *more, **scales):
     folder, columns = cart
     log = written(folder / "log.csv", columns, **scales)
@@ -103,11 +107,11 @@ def told(cart, step, *more, **scales):
     ("scales", "said"),
     [
         ({"place": 1e3}, "output place is in mm, and not in m"),
-        ({"place": 1.0 / 0.0254}, "output place is in in, and not in m"),
-        ({"push": 1e3}, "input push is in mN, and not in N"),
+        slow({"place": 1.0 / 0.0254}, "output place is in in, and not in m"),
+        slow({"push": 1e3}, "input push is in mN, and not in N"),
         ({"push": 1.0 / 9.80665}, "input push is in kgf, and not in N"),
         ({"place": -1.0}, "input push or output place has the other sign"),
-        ({"push": -1.0}, "input push or output place has the other sign"),
+        slow({"push": -1.0}, "input push or output place has the other sign"),
         ({}, ""),
     ],
 )

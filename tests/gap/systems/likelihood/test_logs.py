@@ -82,7 +82,14 @@ def recorded(seed, delay_s=0.0, friction_n=0.0, seconds=40.0, driven=1.0):
 
 def test_what_confirms_an_answer_moves():
     """A log that goes on after the motion would be judged by blocks in which nothing happens."""
-    model = LogModel(Mass(), [recorded(1, friction_n=2.0, driven=0.5)])
+
+    class Plain(Mass):
+        ports = [
+            Port.input("force_n", kinds=["dead-time", "dead-band"]),
+            Port.force("speed_mps", inertia="mass_kg", kinds=["coulomb-friction"]),
+        ]
+
+    model = LogModel(Plain(), [recorded(1, friction_n=2.0, driven=0.5)])
     assert model.sealed() == (7, 8)
     base = fitted_base(model)
     found = named(model, base).found
