@@ -66,7 +66,7 @@ def ranked(
     for elsewhere in (begun_moving(model, base, names), known):
         higher = {n: f for n, f in elsewhere.items() if height(f) > height(fitted[n])}
         fitted |= {name: _highest(model, base, reached) for name, reached in higher.items()}
-    fitted |= {n: f for n, f in resting.items() if height(f) > height(fitted[n])}
+    fitted |= {n: f for n, f in resting.items() if height(f) >= height(fitted[n])}
     steps(3 * len(names), total)
     fitted = imitated(model, base, fitted)
     steps(4 * len(names), total)
