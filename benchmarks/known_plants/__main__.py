@@ -70,18 +70,20 @@ def flown(case: Case) -> tuple[Recording, type[System]]:
 def judged(case: Case, answer: Mapping[str, Any]) -> str:
     """Right, class, partly (another name beside the right one), wrong, unknown or none.
 
-    A class of more than three is an answer of "unknown".
+    A class of more than three is an answer of "unknown". One that holds nothing that is known of
+    the plant is another name.
     """
-    names = {*answer["named"], *answer["class"]}
+    names, alike = {*answer["named"], *answer["class"]}, {*answer["class"]}
+    known = {*case.expected, *case.further}
     if case.hidden and not case.expected and answer["verdict"] == "unknown":
         return "right"
     if not names or answer["verdict"] == "unknown":
         return str(answer["verdict"])
     if not names & set(case.expected):
         return "wrong"
-    if answer["class"]:
-        return "class"
-    return "right" if names <= {*case.expected, *case.further} else "partly"
+    if names - alike <= known and (not alike or alike & known):
+        return "class" if alike else "right"
+    return "partly"
 
 
 def counted(rows: Sequence[Row]) -> dict[str, dict[str, int]]:

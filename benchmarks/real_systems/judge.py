@@ -12,7 +12,7 @@ def judged_left_out(case: Case, answer: Answer) -> str:
     """The answer where the effect is missing.
 
     "right" has an expected effect and nothing that the literature does not know; "partly" has one
-    beside others; "class" leaves an expected one among at most three rivals; "wrong" has none;
+    beside others; "class" leaves a known one among at most three rivals; "wrong" has none;
     "nothing" names no effect, or so many rivals that the answer is "unknown".
     """
     names = answers(answer)
@@ -20,24 +20,25 @@ def judged_left_out(case: Case, answer: Answer) -> str:
         return "nothing"
     if not names & set(case.expected):
         return "wrong"
-    if answer["class"]:
-        return "class"
-    return "right" if names <= {*case.expected, *case.further} else "partly"
+    alike, known = {*answer["class"]}, {*case.expected, *case.further}
+    if names - alike <= known and (not alike or alike & known):
+        return "class" if alike else "right"
+    return "partly"
 
 
 def judged_left_in(case: Case, answer: Answer) -> str:
     """The answer where the effect is built in.
 
-    "right" is "none that matters"; "next" names what else the literature knows; "unsure" is an
-    unknown that is named by nothing; "wrong" names anything else, or what is built in once more.
+    "right" is "none that matters"; "next" names what else the literature knows, or was expected and
+    is still missing; "unsure" is an unknown that is named by nothing; "wrong" names anything else,
+    or what is built in once more.
     """
     names = answers(answer)
     if not names or answer["verdict"] == "unknown":
         return "right" if answer["verdict"] == "none" else "unsure"
-    known = set(case.further)
-    if answer["class"]:
-        return "next" if names & known else "wrong"
-    return "next" if names <= known else "wrong"
+    still = () if case.added is None else case.added.leaves
+    alike, known = {*answer["class"]}, {*case.further, *still}
+    return "next" if names - alike <= known and (not alike or alike & known) else "wrong"
 
 
 def answers(answer: Answer) -> set[str]:

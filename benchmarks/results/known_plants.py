@@ -40,9 +40,9 @@ def counted(records: Records) -> Section:
 
 _JUDGEMENTS = (
     "*Right* names what is hidden and nothing else, *class* leaves it among at most three rivals, "
-    "*partly* names something else beside it. Where nothing is hidden, *none* is right; where a "
-    "law is that no effect has (a magnet beside the rail, a shaft that shakes, a plate that "
-    "shines), *unknown*. A servo "
+    "*partly* names something else beside it, or a class of others. Where nothing is hidden, "
+    "*none* is right; where a law is that no effect has (a magnet beside the rail, a shaft that "
+    "shakes, a plate that shines), *unknown*. A servo "
     "that is linear does not tell a lag of its sensor from one of its command: the first counts "
     "as wrong here where the second is named. All answers with an effect hidden that are not right:"
 )

@@ -41,7 +41,8 @@ def named(records: Records) -> Section:
 
 _BUILT_IN = (
     "*Judged*: right, where an expected effect is named and nothing that the literature does not "
-    "know there; partly, where something else is named beside it; class, where it is among rivals. "
+    "know there; partly, where something else is named beside it; class, where what is known is "
+    "among rivals. "
     "*Built in*: the answer once the textbook system has the effect; right is that nothing "
     "matters, next is another effect that the literature knows. A dash is what was not asked. "
     "*Halves*: what the two halves of "

@@ -24,6 +24,9 @@ from wakedeploy.gap.systems.system import Point
         (["a"], [], "named", "right"),
         (["a", "z"], [], "named", "partly"),
         (["a"], ["a", "z"], "class", "class"),
+        (["a", "b"], ["b", "z"], "class", "class"),
+        (["z", "a"], ["a", "y"], "class", "partly"),
+        (["a", "y"], ["y", "z"], "class", "partly"),
         (["z"], [], "named", "wrong"),
         (["a"], ["a", "x", "y", "z"], "unknown", "unknown"),
         ([], [], "unknown", "unknown"),
@@ -31,7 +34,7 @@ from wakedeploy.gap.systems.system import Point
     ],
 )
 def test_the_judge(named, rivals, verdict, said):
-    case = Case("cart", "steps", {"coulomb": 1.0}, ("a",))
+    case = Case("cart", "steps", {"coulomb": 1.0}, ("a",), ("b",))
     assert judged(case, {"named": named, "class": rivals, "verdict": verdict}) == said
 
 

@@ -106,6 +106,9 @@ def _said(*effects, verdict="named", rivals=()):
         (_said("z"), "wrong", "wrong"),
         (_said("a", verdict="class", rivals=("a", "z")), "class", "wrong"),
         (_said("b", verdict="class", rivals=("b", "z")), "wrong", "next"),
+        (_said("z", "a", verdict="class", rivals=("a", "y")), "partly", "wrong"),
+        (_said("a", "y", verdict="class", rivals=("y", "z")), "partly", "wrong"),
+        (_said("a", "b", verdict="class", rivals=("b", "z")), "class", "wrong"),
         (_said("a", verdict="unknown", rivals=("a", "x", "y", "z")), "nothing", "unsure"),
         (_said(verdict="none"), "nothing", "right"),
         (_said(verdict="unknown"), "nothing", "unsure"),
@@ -115,6 +118,13 @@ def test_the_judge(answer, out, built_in):
     case = Case("one", "", "", (), ("a",), "", further=("b",))
     assert judged_left_out(case, answer) == out
     assert judged_left_in(case, answer) == built_in
+
+
+def test_what_is_still_missing_may_be_named_once_the_rest_is_built_in():
+    added = Added((), lambda state, inputs, c: {}, leaves=("a",))
+    case = Case("one", "", "", (), ("a", "x"), "", added=added)
+    assert judged_left_in(case, _said("a")) == "next"
+    assert judged_left_in(case, _said("x")) == "wrong"
 
 
 def test_halves_agree_by_what_they_name():
