@@ -25,6 +25,20 @@ class Model:
     package_sha256: str
 
 
+def _memory(manifest: Manifest) -> str:
+    """From when on the force counts, and what an input spoils that is no number."""
+    steps = manifest.warm_up_steps
+    if manifest.memory.kind == "state":
+        return f"""\
+   Do not use the force before {steps} steps: its errors were measured from there on. Its state goes
+   on to carry what came before, for ever less.
+   An input outside its range gives a force that means nothing; one that is not finite stays in the
+   state: leave it out, or call reset."""
+    return f"""\
+   Before {steps} steps its memory is not full: do not use the force.
+   An input that is not finite, or outside its range, gives a force that means nothing."""
+
+
 def header(model: Model) -> str:
     """The header: state, reset and step, with units and ranges of every channel."""
     name, manifest = model.name, model.manifest
@@ -35,8 +49,7 @@ def header(model: Model) -> str:
    Made by wakedeploy; do not edit. README.md beside it says how it was proved and what it takes.
 
    A step is due every {1.0 / manifest.rate_hz:.9g} s ({manifest.rate_hz:g} Hz).
-   Before {manifest.warm_up_steps} steps its memory is not full: do not use the force.
-   An input that is not finite, or outside its range, gives a force that means nothing.
+{_memory(manifest)}
 {_weights(model)}
 
    observation, with the range seen in training:

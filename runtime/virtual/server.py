@@ -148,7 +148,8 @@ class VirtualGantry:
         if latest_s > LATE_S:
             sys.stderr.write(
                 f"The virtual gantry was up to {latest_s:.2f} s late: this computer is too slow or "
-                "too busy to fly it in real time; without --wall-clock it need not be.\n"
+                "too busy to fly it in real time; `run-gantry` without --wall-clock flies it in "
+                "simulated time.\n"
             )
 
     def _serve_until(self, deadline_s: float) -> bool:

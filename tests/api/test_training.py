@@ -99,8 +99,15 @@ def test_a_set_in_another_unit_is_warned_of_and_named(runs: wd.Runs) -> None:
 def test_a_split_without_episodes_is_refused_on_another_set(runs: wd.Runs) -> None:
     data = echo()
     learned = {episode.name: "train" for episode in data.episodes}
-    with pytest.raises(wd.UnusableInput, match=r"The 'test' split .* has no episode longer"):
+    with pytest.raises(wd.UnusableInput, match=r"has no episode in its 'test' split; assign"):
         wd.evaluate(runs, dataclasses.replace(data, split=learned), "test")
+
+
+def test_no_run_is_kept_outside_of_where_runs_shall_be(tmp_path: Path) -> None:
+    for domain in ("../elsewhere", "..", "a/b"):
+        with pytest.raises(wd.UnusableInput, match="give it a plain name"):
+            wd.train(dataclasses.replace(echo(), domain=domain), "agile-mlp", out=tmp_path / "in")
+    assert not list(tmp_path.iterdir())
 
 
 def test_another_range_is_warned_of_by_its_category_where_it_was_evaluated(runs: wd.Runs) -> None:

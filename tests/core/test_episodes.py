@@ -233,7 +233,10 @@ GOOD = np.zeros((5, 2), np.float32)
     ("arrays", "told"),
     [
         ({"observation": GOOD}, "force"),
-        ({"observation": GOOD.astype(float), "force": GOOD[:, :1]}, "float64, not float32"),
+        (
+            {"observation": GOOD.astype(float), "force": GOOD[:, :1]},
+            r"episode '\S+': observation is float64, not float32; give it as \.astype\(np\.float32",
+        ),
         ({"observation": GOOD, "force": GOOD[:3, :1]}, "force has 3 samples"),
         ({"observation": GOOD, "force": GOOD[:, 0]}, r"force has shape \(5,\)"),
         ({"observation": GOOD + np.float32("nan"), "force": GOOD[:, :1]}, "not finite at sample 0"),

@@ -77,7 +77,7 @@ def test_a_set_without_validation_is_refused(
     unvalidated.write(small)
     told = wakedeploy("sweep", "--data", small, "--out", tmp_path / "out")
     assert told.exit_code == 2
-    assert "The 'validation' split of this toy set" in told.stderr
+    assert "toy set has no episode in its 'validation' split; assign one" in told.stderr
 
 
 @pytest.mark.parametrize("mark", [None, "{", '{"wakedeploy_sweep": 99}'])

@@ -94,7 +94,11 @@ def lay_tape(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> Tape:
 
 def _too_short(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> UnusableInput:
     """The sentence for a split of which warm-up and lead leave nothing."""
-    longest = max(map(len, data.part(split)), default=0)
+    if not data.part(split):
+        return UnusableInput(
+            f"This {data.domain} set has no episode in its '{split}' split; assign one to it."
+        )
+    longest = max(map(len, data.part(split)))
     if longest > warm_up:
         shorter = "a smaller lead"
     else:

@@ -82,6 +82,11 @@ def configure(
     unknown = set(present_only) - {c.name for c in data.observation}
     if unknown:
         raise UnusableInput(f"{data.domain} has no channel {', '.join(sorted(unknown))}.")
+    if {"/", "\\", "\0"} & set(data.domain) or data.domain in (".", ".."):
+        raise UnusableInput(
+            f"The domain of the set is {data.domain!r}, and runs are kept in a folder that is "
+            "called so; give it a plain name."
+        )
     values = dataclasses.asdict(hyper_parameters(arch, hyper or {}))
     try:
         return RunConfig(

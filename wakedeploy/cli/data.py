@@ -1,7 +1,9 @@
 """`wakedeploy data`: make, import and describe episode sets."""
 
+import re
 import shlex
 import tomllib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
 
 _FIRST = 20  # episodes, notes and facts that the terminal shows
+_SHARED = 3  # notes of other logs from which on a note stands for all
 _COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance says
 
 
@@ -247,8 +250,22 @@ def import_table(
         made = read(files, columns_path, progress=bars)
     write_set(made, out)
     _describe(made, out, json_path)
-    for note in made.provenance.get("notes", ()):  # type: ignore[union-attr]
+    for note in _alike_once(made.provenance.get("notes", ())):  # type: ignore[arg-type]
         warn(f"{note}.")
+
+
+def _alike_once(notes: Iterable[str]) -> Iterator[str]:
+    """Notes of which those that many logs share, but for numbers, stand once."""
+    groups: dict[str, list[str]] = {}
+    for note in notes:
+        log, column, said = note.partition(", column ")
+        said = f"{column}{said}" if column else log.partition(": ")[2] or log
+        groups.setdefault(re.sub(r"\d[\d.]*", "0", said), []).append(note)
+    for first, *others in groups.values():
+        if len(others) < _SHARED:
+            yield from (first, *others)
+        else:
+            yield f"{first}; {len(others)} more logs are alike, see notes in the set"
 
 
 def _require_apart(out: Path, files: tuple[Path, ...]) -> None:

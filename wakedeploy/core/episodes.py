@@ -79,10 +79,11 @@ class Episode:
         for name in self.extras:
             if not _EXTRA_NAME.fullmatch(name) or name in _RESERVED:
                 raise ValueError(f"extra array {name!r}: not an allowed name")
-        _check_array("observation", self.observation, None, 2)
-        _check_array("force", self.force, len(self.observation), 2)
+        where = f"episode {self.name!r}: "
+        _check_array(f"{where}observation", self.observation, None, 2)
+        _check_array(f"{where}force", self.force, len(self.observation), 2)
         for name, array in self.extras.items():
-            _check_array(name, array, len(self.observation))
+            _check_array(f"{where}{name}", array, len(self.observation))
 
     def __len__(self) -> int:
         return len(self.observation)
@@ -240,7 +241,8 @@ def _check_array(
     name: str, array: Array, length: int | None, dimensions: int | None = None
 ) -> None:
     if not isinstance(array, np.ndarray) or array.dtype != np.float32:
-        raise ValueError(f"{name} is {getattr(array, 'dtype', type(array))}, not float32")
+        kind = getattr(array, "dtype", type(array))
+        raise ValueError(f"{name} is {kind}, not float32; give it as .astype(np.float32)")
     if array.ndim == 0 or dimensions not in (None, array.ndim):
         raise ValueError(f"{name} has shape {array.shape}, not (T, channels)")
     length = len(array) if length is None else length

@@ -122,7 +122,7 @@ class Rules:
     hides_nats: float = 2.0
     error_trifle: float = 0.05
     constant_ends: float = 2.0
-    constant_trifle: float = 0.05
+    constant_trifle: float = 0.02
     sealed_share: float = 0.25
     fewest_flights: int = 3
 

@@ -102,10 +102,73 @@ def test_one_list_alone_names_a_split_and_the_other_is_drawn_from_the_rest(
     assert split_by(here, lists, *files) == splits
 
 
+def test_a_copy_under_another_name_is_refused(here: Path) -> None:
+    """It could be learned from and tested on."""
+    Path("again.csv").write_bytes(Path("run1.csv").read_bytes())
+    with pytest.raises(wd.UnusableInput, match=r"^again\.csv: is a copy of run1\.csv, and what a"):
+        wd.import_table([*FOUR, "again.csv"], "columns.toml")
+
+
+@pytest.mark.parametrize(("column", "address"), [(1, "v"), (2, "f")])
+@pytest.mark.parametrize("factor", [1000.0, 0.001])
+def test_a_log_in_another_unit_than_the_others_is_told(
+    here: Path, column: int, address: str, factor: float
+) -> None:
+    rows = np.loadtxt("run1.csv", delimiter=",", skiprows=1)
+    rows[:, column] *= factor
+    np.savetxt("run1.csv", rows, delimiter=",", header="t,v,f", comments="")
+    notes = wd.import_table(FOUR, "columns.toml").provenance["notes"]
+    (note,) = [note for note in notes if "another unit" in note]
+    assert note.startswith(f"run1.csv, column '{address}': its size is up to ")
+
+
+def test_nothing_is_told_of_logs_of_which_one_is_three_times_as_lively(here: Path) -> None:
+    rows = np.loadtxt("run1.csv", delimiter=",", skiprows=1)
+    rows[:, 1:] *= 3.0
+    np.savetxt("run1.csv", rows, delimiter=",", header="t,v,f", comments="")
+    assert wd.import_table(FOUR, "columns.toml").provenance["notes"] == []
+
+
+def test_what_many_logs_share_is_printed_once(here: Path) -> None:
+    for k, file in enumerate(FOUR):
+        lines = Path(file).read_text().splitlines(keepends=True)
+        for row in range(20, 22 + k):
+            t, v, _ = lines[row].split(",")
+            lines[row] = f"{t},{v},\n"
+        Path(file).write_text("".join(lines))
+    Path("columns.toml").write_text(COLUMNS + 'missing = "hold"\n')
+    told = wakedeploy("data", "import", "table", *FOUR, "--columns", "columns.toml", "--out", "set")
+    assert told.count("as a label that nobody measured") == 1
+    assert "3 more logs are alike" in " ".join(told.split())
+    assert len(wd.EpisodeSet.read("set").provenance["notes"]) == 4
+
+
+def test_a_window_within_one_sample_is_refused(here: Path) -> None:
+    """As where stamps in ms were read as seconds: everything would be without memory."""
+    Path("columns.toml").write_text(COLUMNS.replace("window_s = 0.2", "window_s = 0.005"))
+    with pytest.raises(wd.UnusableInput, match=r"window_s = 0\.005 is less than the 0\.01 s from"):
+        wd.import_table(FOUR, "columns.toml")
+
+
+def test_stamps_whose_name_says_another_unit_are_told(here: Path) -> None:
+    for file in FOUR:
+        rows = np.loadtxt(file, delimiter=",", skiprows=1)
+        np.savetxt(file, rows, delimiter=",", header="t_ms,v,f", comments="")
+    Path("columns.toml").write_text(COLUMNS.replace('column = "t"', 'column = "t_ms"'))
+    notes = wd.import_table(FOUR, "columns.toml").provenance["notes"]
+    assert notes[0] == (
+        "run0.csv, column 't_ms': read as stamps in s, and its name says ms; check the unit in"
+        " [time], or time_unit"
+    )
+
+
 def test_a_day_is_held_out_by_its_folder(here: Path) -> None:
     for day, k in (("d1", 0), ("d1", 1), ("d2", 2), ("d2", 3), ("d3", 0)):
         (here / day).mkdir(exist_ok=True)
-        (here / day / f"run{k}-{day}.csv").write_text(Path(f"run{k}.csv").read_text())
+        rows = Path(f"run{k}.csv").read_text().splitlines(keepends=True)
+        if day == "d3":  # another flight than that of the first day
+            rows = rows[:-1]
+        (here / day / f"run{k}-{day}.csv").write_text("".join(rows))
     given = ("d1/run0-d1.csv", "d1/run1-d1.csv", "d2/run2-d2.csv", "d2/run3-d2.csv",
              "d3/run0-d3.csv")  # fmt: skip
     days = {"run0-d1": "train", "run1-d1": "train", "run2-d2": "test", "run3-d2": "test",

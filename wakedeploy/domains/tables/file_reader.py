@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
+from wakedeploy.core.units import contradicted, same_dimension
 from wakedeploy.domains.tables.columns import Column, Columns
 from wakedeploy.domains.tables.diagnosis import (
     far_apart,
@@ -107,6 +108,20 @@ class FileReader:
             unit = units.get(address, units.get(address.lstrip("/")))  # HDF5 has both spellings
             if said := self.wanted[name].doubt(unit):
                 yield f"{place.log.path}, column {address!r}: {said}"
+        yield from self._doubted_clocks(places)
+
+    def _doubted_clocks(self, places: Mapping[str, Place]) -> Iterator[str]:
+        """Stamps whose name says another unit of time than they are read in."""
+        if self.columns.time.format is not None:
+            return
+        clocks = {(p.log.path, p.clock.address, p.clock.unit) for p in places.values() if p.clock}
+        for path, address, unit in sorted(clocks):
+            named = contradicted(address.partition("[")[0].lower(), unit)
+            if named is not None and same_dimension(named, "s"):
+                yield (
+                    f"{path}, column {address!r}: read as stamps in {unit}, and its name says"
+                    f" {named}; check the unit in [time], or time_unit"
+                )
 
     def _log(self, file: str | None) -> Log:
         key = file or ""

@@ -6,11 +6,13 @@ could not be learnt from.
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, product
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
 from wakedeploy.core.units import conversion
 from wakedeploy.domains.tables.columns import Column, Columns, Role
 from wakedeploy.domains.tables.reading import Reading
@@ -20,6 +22,8 @@ Vector = NDArray[np.float64]
 
 _FEW = 0.005  # the share of labels from which on it is said
 _NEAR = 1e-9  # of the largest number, by which a conversion of units may move it
+_USUAL = 0.95  # the quantile of a column's size in a log: a stray does not count
+_APART = 30.0  # times as large as in other logs; rad and deg are 57 apart, m and mm 1000
 
 
 def require_roles(columns: Columns) -> None:
@@ -98,6 +102,59 @@ def _share_alike(pairs: Sequence[tuple[Vector, Vector]], lead: float) -> float:
         alike.append(np.maximum(*off_by) <= _NEAR * np.abs(seen).max())
     together = np.concatenate(alike)
     return float(together.mean()) if len(together) else 0.0
+
+
+def on_other_sizes(reading: Reading, columns: Columns) -> Iterator[str]:
+    """Remarks on logs in which a column is far larger or smaller than in all others.
+
+    One log in millimetres among others in metres makes every other a standstill.
+    """
+    for name, column in columns.with_role("observation", "force").items():
+        sizes = {path: _size(parts, name) for path, parts in reading.pieces.items()}
+        for path, here in sizes.items():
+            others = [size for other, size in sizes.items() if other != path]
+            if not others or not here > 0.0 or not min(others) > 0.0:
+                continue
+            is_large = here > _APART * max(others)
+            is_small = len(others) > 1 and here * _APART < min(others)
+            if is_large or is_small:
+                unit = reading.units[name]
+                yield (
+                    f"{path}, column {column.address!r}: its size is up to {here:.3g} {unit}, in"
+                    f" the other logs {_span(others)} {unit}; check whether it is in another unit"
+                )
+
+
+def _size(parts: Sequence[Recording], name: str) -> float:
+    return float(np.quantile(np.abs(np.concatenate([p.columns[name] for p in parts])), _USUAL))
+
+
+def _span(sizes: Sequence[float]) -> str:
+    least, most = f"{min(sizes):.3g}", f"{max(sizes):.3g}"
+    return least if least == most else f"{least} to {most}"
+
+
+def require_several_samples(columns: Columns, rate_hz: float) -> None:
+    """UnusableInput for a window that ends within the newest sample: nothing could remember."""
+    window_s = columns.training.window_s
+    if window_s * rate_hz < 1.0:
+        raise UnusableInput(
+            f"{columns.file}: training.window_s = {window_s:g} is less than the {1.0 / rate_hz:.4g}"
+            f" s from sample to sample of these logs, at {rate_hz:g} Hz; check the unit of the"
+            " stamps in [time], or give a longer window."
+        )
+
+
+def require_no_copies(digests: Mapping[Path, str]) -> None:
+    """UnusableInput for a log that is another's copy: it could be learned from and tested on."""
+    seen: dict[str, Path] = {}
+    for path, digest in digests.items():
+        if digest in seen:
+            raise UnusableInput(
+                f"{path}: is a copy of {seen[digest]}, and what a predictor learned from would"
+                " judge it; give one of them."
+            )
+        seen[digest] = path
 
 
 def on_constants(pieces: Pieces, columns: Columns) -> Iterator[str]:

@@ -167,6 +167,8 @@ def _on_blanks(tally: _Tally) -> str:
         )
         return f"{tally.blank} samples have no number; the others alone are taken{left_out}"
     counts = ", and counts as measured" if _is_output(column) else ""
+    if "force" in column.wanted.column.roles:
+        counts = ", as a label that nobody measured"
     return f"{tally.blank} samples have no number; the last one is held{counts}"
 
 

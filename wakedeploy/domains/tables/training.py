@@ -19,8 +19,11 @@ from wakedeploy.domains.tables.learnable import (
     on_constants,
     on_copies,
     on_filter,
+    on_other_sizes,
     on_what_is_left_out,
+    require_no_copies,
     require_roles,
+    require_several_samples,
 )
 from wakedeploy.domains.tables.reading import Progress, Reading, read_recordings
 from wakedeploy.domains.tables.splits import long_enough, split_pieces
@@ -48,13 +51,17 @@ def import_set(
     """
     require_roles(columns)
     reading = read_recordings(paths, columns, progress=progress)
+    hashes = {path: dict(_hashes(path)) for path in reading.pieces}
+    require_no_copies({p: found[p.name] for p, found in hashes.items() if p.is_file()})
     rate_hz = _rate_hz(reading)
+    require_several_samples(columns, rate_hz)
     found = split_pieces(reading.pieces, columns)
     pieces = long_enough(found, columns.training.window_s, rate_hz)
     constants = tuple(on_constants(pieces, columns))
     copies = on_copies(pieces, columns, reading.units, rate_hz)
     left_out = on_what_is_left_out(reading, found, pieces, columns)
-    notes = (*reading.notes, *copies, *constants, *left_out, *on_filter(columns))
+    sizes = on_other_sizes(reading, columns)
+    notes = (*reading.notes, *sizes, *copies, *constants, *left_out, *on_filter(columns))
     return EpisodeSet(
         domain=columns.training.name,
         rate_hz=rate_hz,
@@ -64,7 +71,7 @@ def import_set(
         loss_weights=_loss_weights(columns),
         split={name: split for split, name, _ in pieces},
         episodes=tuple(_episode(name, piece, columns) for _, name, piece in pieces),
-        provenance=_provenance(reading, columns, notes),
+        provenance=_provenance(hashes, columns, notes),
     )
 
 
@@ -114,11 +121,13 @@ def _array(name: str, piece: Recording, columns: Columns, role: Role) -> Array:
     return values.astype(np.float32)
 
 
-def _provenance(reading: Reading, columns: Columns, notes: Sequence[str]) -> dict[str, JsonValue]:
+def _provenance(
+    hashes: Mapping[Path, Mapping[str, str]], columns: Columns, notes: Sequence[str]
+) -> dict[str, JsonValue]:
     made: dict[str, JsonValue] = {
         "generator": f"wakedeploy {VERSION} table",
         "columns": columns.model_dump(mode="json", exclude_defaults=True),
-        "files": dict(_hashes(reading.pieces)),
+        "files": {name: digest for found in hashes.values() for name, digest in found.items()},
         "notes": list(notes),
     }
     if columns.training.lead_s:
@@ -129,11 +138,10 @@ def _provenance(reading: Reading, columns: Columns, notes: Sequence[str]) -> dic
     return made
 
 
-def _hashes(pieces: Mapping[Path, object]) -> Iterator[tuple[str, str]]:
-    """The files that were read, by their names below what was given, with their hashes."""
-    for path in pieces:
-        inside = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
-        for file in inside:
-            with file.open("rb") as opened:
-                digest = hashlib.file_digest(opened, "sha256").hexdigest()
-            yield str(file.relative_to(path.parent)), digest
+def _hashes(path: Path) -> Iterator[tuple[str, str]]:
+    """The files of a log, by their names below what was given, with their hashes."""
+    inside = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for file in inside:
+        with file.open("rb") as opened:
+            digest = hashlib.file_digest(opened, "sha256").hexdigest()
+        yield str(file.relative_to(path.parent)), digest

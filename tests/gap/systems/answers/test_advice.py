@@ -131,3 +131,35 @@ def test_where_nothing_is_missing_constants_that_the_logs_know_better_are_to_be_
     agreed = quiet.model_copy(update={"stated": stated | {"lag_s": 0.14}})
     assert next_step(agreed).startswith("Use the system as it is.")
     assert "Constants" not in "\n".join(sentences(agreed))
+
+
+def test_a_constant_that_the_logs_know_to_a_thousandth_is_told_from_a_fiftieth_on() -> None:
+    """A track that is 4 % wider turns a rover wrongly; 1 % may be the model's form."""
+    width = {"value": 0.312, "low": 0.3116, "high": 0.3124, "unit": "m"}
+    quiet = result(
+        verdict="none", effects=[], constants={"track_m": width}, stated={"track_m": 0.3}, moved={}
+    )
+    assert next_step(quiet).startswith("State what was fitted for `track_m`, which the logs know")
+    agreed = quiet.model_copy(update={"stated": {"track_m": 0.309}})
+    assert next_step(agreed).startswith("Use the system as it is.")
+
+
+def test_where_no_effect_is_named_what_is_left_stands_on_the_first_screen() -> None:
+    """A rover that slips in turns, by a law over two coordinates, was to be used as it is."""
+    quiet = result(
+        verdict="none", effects=[], unexplained=[push("x_m", share=0.13), push("y_m", share=0.12)]
+    )
+    screen = first_screen(quiet)
+    assert screen[0] == (
+        "No effect that was tried is missing from the system. But something is left that none of "
+        "them explains: on x_m (13 % of its usual rate) and y_m (12 % of its usual rate)."
+    )
+    assert screen[1].startswith("Does it matter? Of what was tried, nothing does. Forecasts")
+    assert screen[3].startswith(
+        "What next? If you know a law for what is left on x_m, give it as Port.custom, also one "
+        "over several coordinates, and ask again; "
+    )
+    assert screen[3].count("Until then use the system as it is.") == 1
+    assert first_screen(result(verdict="none", effects=[]))[0] == (
+        "Nothing that matters is missing from the system."
+    )

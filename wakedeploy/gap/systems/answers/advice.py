@@ -35,6 +35,28 @@ def rest_words(answer: Answer) -> str:
     )
 
 
+def pushes_left(answer: Answer) -> str:
+    """What still acts although no effect was named: on which rates, and how much of them."""
+    each = [
+        f"{push.state} ({whole_percent(push.share)} of its usual rate)"
+        for push in _by_share(answer)
+    ]
+    return f" But something is left that none of them explains: on {listed(each)}."
+
+
+def own_law(answer: Answer) -> str:
+    """Where to write a law that a person knows of what is left."""
+    state = _by_share(answer)[0].state
+    return (
+        f"If you know a law for what is left on {state}, give it as Port.custom, also one over "
+        f"several coordinates, and ask again; {_PAGE} says how."
+    )
+
+
+def _by_share(answer: Answer) -> list[Leftover]:
+    return sorted(answer.unexplained, key=lambda push: -push.share)
+
+
 def more_than_named(result: Result) -> str:
     """What to do where a law says most of what names leave; "" where none does."""
     rest = _mostly_lawful(result)

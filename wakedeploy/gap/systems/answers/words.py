@@ -18,7 +18,14 @@ from wakedeploy.gap.search.artefacts import (
     Size,
 )
 from wakedeploy.gap.search.outcome import ACCEPTED, CHANCE, OUTDONE, SUPERFLUOUS, UNSEEN_WORSE
-from wakedeploy.gap.systems.answers.advice import more_than_named, over, rest_words, unknown_step
+from wakedeploy.gap.systems.answers.advice import (
+    more_than_named,
+    over,
+    own_law,
+    pushes_left,
+    rest_words,
+    unknown_step,
+)
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words, told_otherwise
 from wakedeploy.gap.systems.answers.certainty import certainty, nearest
 from wakedeploy.gap.systems.answers.halves import repeated_sentences
@@ -128,6 +135,8 @@ def _lacking(answer: Answer) -> str:
     if answer.verdict == "none":
         if answer.moved:
             return "With that, nothing else that matters is missing from the system."
+        if answer.unexplained:
+            return f"No effect that was tried is missing from the system.{pushes_left(answer)}"
         return "Nothing that matters is missing from the system."
     if answer.is_outdone:
         return (
@@ -175,11 +184,15 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
         return unknown_step(result)
     how_small = "How small an effect these logs would show, `gap power` says."
     use = "Use the system as it is."
+    if result.unexplained:
+        use = f"{own_law(result)} Until then use the system as it is."
     if otherwise := [f"`{name}`" for name in told_otherwise(result)]:
         use = (
             f"State what was fitted for {listed(otherwise)}, which the logs know better, and use "
             "the system."
         )
+        if result.unexplained:
+            use = f"{use} {own_law(result)}"
     if near := nearest(result):
         more = f"Record more of the moments in which {plain(near.name)} would act"
         until = f"Until then {use[0].lower()}{use[1:]}"
