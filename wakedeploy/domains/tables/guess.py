@@ -45,7 +45,7 @@ from wakedeploy.domains.tables.guess_clocks import clocks_of
 from wakedeploy.domains.tables.guess_left_out import comments_on, left_out
 from wakedeploy.domains.tables.guess_orientation import Quaternion, quaternions_in
 from wakedeploy.domains.tables.log import Field, Log, Values
-from wakedeploy.domains.tables.log_kinds import is_log, open_log, seen_form
+from wakedeploy.domains.tables.log_kinds import is_log, of_bags, open_log, seen_form
 from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
@@ -128,6 +128,9 @@ def guess_columns(path: Path | str, asked: Sequence[Asked] = ()) -> str:
             logs.append((file.name, open_log(file, form)))
         except UnusableInput:
             continue
+    bags = of_bags(path)
+    if bags is not None and not any(_has_numbers(log) for _, log in logs):
+        raise bags
     if not logs:
         raise UnusableInput(f"{path}: contains no log in a known format; give one log file.")
     kinds = _by_layout(logs)
@@ -345,6 +348,13 @@ def _seen(name: str, log: Log, asked: Sequence[Asked]) -> _File:
 
 def _numeric(log: Log) -> list[Field]:
     return [f for f in log.fields() if f.example is not None and not f.is_aside]
+
+
+def _has_numbers(log: Log) -> bool:
+    try:
+        return bool(_numeric(log))
+    except UnusableInput:
+        return False
 
 
 # --- the columns
