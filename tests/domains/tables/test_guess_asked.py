@@ -197,6 +197,51 @@ def test_parts_of_a_recording_that_both_have_a_column_are_told(tmp_path: Path) -
     assert 'column = "cart_mm"  # ? by its name' in text
 
 
+X, YAW = Asked("x_m", "output", "m"), Asked("yaw_rad", "output", "rad")
+
+
+@pytest.mark.parametrize(
+    ("asked", "columns", "likes"),
+    [
+        (X, {"/mocap.pose.position.x": "m", "/odom.position.x": "mm"}, 2),
+        (X, {"/mocap.pose.position.y": "m", "/odom.position.z": "m"}, 0),
+        (X, {"/odom.linear.x": "m/s", "/imu.orientation.x": "1", "/fix.x": None}, 0),
+        (X, {"tool_x_ref": "m", "tool_y": "m"}, 0),  # what a controller wants is measured nowhere
+        (Asked("left_hip_rad", "output", "rad"), {"left_knee": "rad", "right_hip": "rad"}, 0),
+        (Asked("position_m", "output", "m"), {"x": "m", "y": "m"}, 0),  # any is a position
+    ],
+)
+def test_what_could_be_asked_for_is_told_where_none_is_it(asked: Asked, columns, likes) -> None:
+    matches = matched([asked], {("", name): unit for name, unit in columns.items()})
+    assert not matches.found
+    assert [name for _, name in matches.undecided[asked]] == list(columns)[:likes]
+
+
+def test_what_was_taken_is_not_told_again() -> None:
+    names = ("x_m", "tool_x", "arm_x")
+    asked = [X, Asked("hand_x_m", "output", "m")]
+    assert matched(asked, {("", name): "m" for name in names}).undecided == {asked[1]: []}
+    asked = [PLACE, X]
+    columns = {("", name): "m" for name in ("cart_m", "tool_x", "arm_x")}
+    assert matched(asked, columns).undecided == {X: [("", "tool_x"), ("", "arm_x")]}
+
+
+@pytest.mark.parametrize(
+    ("count", "said"), [(2, "{} or {}"), (6, "{} or {} or {} or {} or one of 2 more")]
+)
+def test_angles_of_two_quaternions_are_both_told(tmp_path: Path, count: int, said: str) -> None:
+    half = 0.5 * np.linspace(0.0, 3.0, 100)
+    zeros = np.zeros_like(half)
+    sides = [[zeros, zeros, np.sin(half), np.cos(half)] for _ in range(count)]
+    stems = [f"sensor{number}.orientation" for number in range(count)]
+    header = ",".join(["t", *(f"{stem}.{letter}" for stem in stems for letter in "xyzw")])
+    rows = np.column_stack([np.arange(100) / 50.0, *(part for side in sides for part in side)])
+    np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
+    text = " ".join(guess_columns(tmp_path / "log.csv", [YAW]).split("\n# "))
+    named = said.format(*(f"the yaw of {stem}" for stem in stems))
+    assert f"Not found: yaw_rad [rad]; it could be {named}. Name its column" in text
+
+
 @pytest.mark.parametrize("stem", ["drone_q", "drone.pose.orientation.", "q", "mocap_rot_"])
 def test_all_angles_of_a_quaternion_may_be_asked_for(tmp_path: Path, stem: str) -> None:
     angles = 0.4 * np.sin(np.arange(3)[:, None] + np.linspace(0.0, 3.0, 100))  # yaw, pitch, roll

@@ -24,7 +24,7 @@ from wakedeploy.domains.tables.diagnosis import (
 )
 from wakedeploy.domains.tables.formats.delimited import DelimitedLog
 from wakedeploy.domains.tables.log import Clock, Log, Values, require_size
-from wakedeploy.domains.tables.log_kinds import is_log, open_log
+from wakedeploy.domains.tables.log_kinds import is_log, of_bags, open_log
 from wakedeploy.domains.tables.orientation import angle_of
 from wakedeploy.domains.tables.pieces import (
     Stretch,
@@ -134,6 +134,8 @@ class FileReader:
             return self.path
         if file is None and not any(self.path.iterdir()):
             raise UnusableInput(f"{self.path}: is an empty folder; give files, or another folder.")
+        if file is None and (bags := of_bags(self.path)) is not None:
+            raise bags
         if file is None:
             raise UnusableInput(
                 f"{self.path}: is a folder; say in which of its files each column stands"

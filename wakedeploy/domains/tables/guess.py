@@ -45,7 +45,7 @@ from wakedeploy.domains.tables.guess_clocks import clocks_of
 from wakedeploy.domains.tables.guess_left_out import comments_on, left_out
 from wakedeploy.domains.tables.guess_orientation import Quaternion, quaternions_in
 from wakedeploy.domains.tables.log import Field, Log, Values
-from wakedeploy.domains.tables.log_kinds import is_log, open_log, seen_form
+from wakedeploy.domains.tables.log_kinds import is_log, of_bags, open_log, seen_form
 from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
@@ -53,6 +53,7 @@ _ANGLES = ("yaw", "pitch", "roll")  # of a quaternion; the first is what nobody 
 _Named = tuple[str, Log]  # a file's name in its folder, "" for one that is alone, and the file
 
 _QUOTED = 60  # letters of a line
+_NAMED = 4  # columns that something asked for could be
 _OF_ORIENTATION = re.compile(
     r"(?:[\W_](?:pose|orientation|quaternion|quat|q|rotation|rot|attitude|att))+$", re.I
 )
@@ -128,6 +129,9 @@ def guess_columns(path: Path | str, asked: Sequence[Asked] = ()) -> str:
             logs.append((file.name, open_log(file, form)))
         except UnusableInput:
             continue
+    bags = of_bags(path)
+    if bags is not None and not any(_has_numbers(log) for _, log in logs):
+        raise bags
     if not logs:
         raise UnusableInput(f"{path}: contains no log in a known format; give one log file.")
     kinds = _by_layout(logs)
@@ -247,6 +251,7 @@ def _doubts(form: Delimited, log: Log) -> dict[str, str]:
 def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
     """Which of the columns that are listed are asked for."""
     units: dict[Place, str | None] = {}
+    angles: dict[Place, Place] = {}  # as a person finds them
     for file in files:
         for field in _listed(file):
             unit, _ = _unit(field)
@@ -254,10 +259,17 @@ def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
             if not is_unknown:
                 units[file.name, field.name] = field.unit if field.unit in SHOWN_ALONE else unit
         for found in quaternions_in(file.values):
-            units |= {(file.name, _asked_as(found, angle)): "rad" for angle in _ANGLES}
+            for angle in _ANGLES:
+                place = file.name, _asked_as(found, angle)
+                units[place], angles[place] = "rad", (file.name, f"the {angle} of {found.stem}")
     left_out = [name for file in files for name in file.left_out]
     wanted = [each for each in asked if _is_key(each.name)]
-    return _with_only_orientation(matched(wanted, units, left_out), wanted, files)
+    matches = _with_only_orientation(matched(wanted, units, left_out), wanted, files)
+    undecided = {
+        each: [angles.get(place, place) for place in places]
+        for each, places in matches.undecided.items()
+    }
+    return replace(matches, undecided=undecided)
 
 
 def _with_only_orientation(
@@ -292,7 +304,9 @@ def _not_found(asked: Sequence[Asked], matches: Matches) -> Iterator[str]:
 def _on_lacking(each: Asked, undecided: Sequence[Place]) -> str:
     if not _is_key(each.name):
         return "a column's name has letters from A to Z alone: rename it in the system."
-    places = [plain_line(f"{name} of {file}" if file else name) for file, name in undecided]
+    named = [plain_line(f"{name} of {file}" if file else name) for file, name in undecided]
+    more = len(named) - _NAMED
+    places = [*named[:_NAMED], *([f"one of {more} more"] if more > 0 else [])]
     why = f"it could be {' or '.join(places)}" if places else "none is like it"
     return f'{why}. Name its column [columns.{each.name}], with role = "{each.role}".'
 
@@ -345,6 +359,13 @@ def _seen(name: str, log: Log, asked: Sequence[Asked]) -> _File:
 
 def _numeric(log: Log) -> list[Field]:
     return [f for f in log.fields() if f.example is not None and not f.is_aside]
+
+
+def _has_numbers(log: Log) -> bool:
+    try:
+        return bool(_numeric(log))
+    except UnusableInput:
+        return False
 
 
 # --- the columns

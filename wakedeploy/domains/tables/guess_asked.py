@@ -57,7 +57,7 @@ class Match:
 
 @dataclass(frozen=True)
 class Matches:
-    """The columns that were found, and those between which something asked for could not choose."""
+    """The columns that were found, and those that what was not found could be; maybe none."""
 
     found: Mapping[Place, Match]
     undecided: Mapping[Asked, Sequence[Place]]
@@ -98,6 +98,9 @@ def matched(
         alone = _alone_in_unit(each, asked, columns)
         if each not in gone and alone is not None and alone not in found:
             found[alone] = Match(each, BY_UNIT)
+            gone.add(each)
+    free = {place: unit for place, unit in columns.items() if place not in found}
+    undecided |= {each: _alike(each, free) for each in wanted if each not in gone}
     return Matches(found, undecided)
 
 
@@ -165,6 +168,19 @@ def _alone_in_unit(
     if len(places) != 1 or (each.role == "output" and _words(places[0][1], None) & _MEANT):
         return None
     return places[0]
+
+
+def _alike(each: Asked, columns: Mapping[Place, str | None]) -> list[Place]:
+    """Columns in such a unit whose names have all that the wanted one says, among other words."""
+    own = {word for word in _words(each.name, each.unit) if not _says_nothing(word, each)}
+    found = []
+    for place, unit in columns.items():
+        if own and unit is not None and _fits(unit, each.unit):
+            words = _words(place[1], unit)
+            is_meant = each.role == "output" and words & _MEANT - own
+            if not is_meant and all(any(_is_one(w, other) for other in words) for w in own):
+                found.append(place)
+    return found
 
 
 def _fits(unit: str, other: str) -> bool:

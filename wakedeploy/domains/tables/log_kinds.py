@@ -45,6 +45,7 @@ _ARDUPILOT = (
     "--types IMU"
 )
 _TEXTS = {".json", ".jsonl", ".ndjson"}  # of these, that are text and yet no table
+_NAMED = 3  # bags of a folder
 _TEXT_BYTES = 4096  # of a file without a known name that show whether it is text
 
 
@@ -65,6 +66,21 @@ def seen_form(path: Path) -> Delimited:
 def is_log(path: Path) -> bool:
     """Whether a path is one log: a file, or a folder that rosbag2 wrote."""
     return not path.is_dir() or (path / "metadata.yaml").is_file()
+
+
+def of_bags(folder: Path) -> UnusableInput | None:
+    """The sentence for a folder that holds bags of ROS; None for any other."""
+    inside = sorted(folder.iterdir())
+    old = next((p for p in inside if p.suffix.lower() == ".bag" and p.is_file()), None)
+    if old is not None:
+        return UnusableInput(f"{old}: {_FOREIGN['.bag'].format(old)}.")
+    bags = [p.name for p in inside if p.is_dir() and (is_log(p) or any(p.glob("*.db3")))]
+    if not bags:
+        return None
+    named = ", ".join(bags[:_NAMED]) + (f" and {len(bags) - _NAMED} more" if bags[_NAMED:] else "")
+    return UnusableInput(
+        f"{folder}: is a folder that holds bags ({named}); give these, {folder / '*'}."
+    )
 
 
 def _format(path: Path) -> str:

@@ -1,0 +1,146 @@
+"""Folders of ROS: what holds bags is no log, and a bag is read whatever its metadata.yaml holds."""
+
+import contextlib
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.reading import read_recordings
+
+START_NS, STEP_NS = 1_700_000_000 * 10**9, 50_000_000
+COLUMNS = """version = 1
+[columns.x_m]
+column = "/odom.pose.pose.position.x"
+role = "output"
+unit = "m"
+"""
+
+
+def told(folder: Path) -> list[str]:
+    """What reading and guessing say of a folder."""
+    sentences = []
+    with pytest.raises(UnusableInput) as refused:
+        read_recordings([folder], parse_columns(COLUMNS))
+    sentences.append(str(refused.value))
+    with pytest.raises(UnusableInput) as refused:
+        guess_columns(folder)
+    return [*sentences, str(refused.value)]
+
+
+@pytest.mark.parametrize(
+    ("bags", "named"),
+    [
+        (["run_1"], "run_1"),
+        (["run_1", "run_2", "run_3"], "run_1, run_2, run_3"),
+        (["e", "d", "c", "b", "a"], "a, b, c and 2 more"),
+    ],
+)
+def test_of_a_folder_of_bags_the_bags_are_to_be_given(tmp_path: Path, bags, named: str) -> None:
+    for name in bags:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "metadata.yaml").touch()
+    (tmp_path / "readme.txt").write_text("Bags of a rover.\nSee the lab book.\n")
+    sentence = f"{tmp_path}: is a folder that holds bags ({named}); give these, {tmp_path}/*."
+    assert told(tmp_path) == [sentence] * 2
+
+
+def test_a_bag_without_its_description_is_one_in_a_folder_of_bags(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run_0.db3").touch()
+    assert all("holds bags (run); give these" in sentence for sentence in told(tmp_path))
+
+
+def test_of_a_folder_with_a_bag_of_ros_1_it_is_said_how_to_convert_that(tmp_path: Path) -> None:
+    (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n\x45\x00\x00\x00")
+    bare = f"rosbags-convert --src {tmp_path}/old.bag --dst FOLDER makes one of rosbag2."
+    assert [sentence.partition("; ")[2] for sentence in told(tmp_path)] == [bare] * 2
+
+
+LOST = {
+    "": "is empty",
+    "\0\0\0\0": "is cut off or not of rosbag2",
+    "rosbag2_bagfile_information:\n  version: 8\n  storage_ident": "is cut off or not of rosbag2",
+    "rosbag2_bagfile_information:\n  version: 8\n": "is cut off or not of rosbag2",
+    "runs: 3\n": "is cut off or not of rosbag2",
+    "\udcff\udcfe": "cannot be read",
+}
+
+
+@pytest.mark.parametrize("kind", ["db3", "mcap"])
+@pytest.mark.parametrize(("left", "said"), LOST.items())
+def test_a_bag_whose_description_is_lost_is_read_without_it(
+    tmp_path: Path, kind: str, left: str, said: str
+) -> None:
+    bag = rover_bag(tmp_path / "bag", kind)
+    columns = parse_columns(COLUMNS)
+    whole = read_recordings([bag], columns)
+    (bag / "metadata.yaml").write_bytes(left.encode("utf-8", "surrogateescape"))
+    read = read_recordings([bag], columns)
+    np.testing.assert_equal(read.recordings[0].columns, whole.recordings[0].columns)
+    assert not whole.notes
+    note = f"{bag}: its metadata.yaml {said}; all of its .{kind} files are read without it"
+    assert read.notes == (note,)
+    assert '"/odom.pose.pose.position.x"' in guess_columns(bag)
+
+
+def test_all_files_of_a_bag_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    bag = rover_bag(tmp_path / "bag", "db3")
+    (first,) = bag.glob("*.db3")
+    whole = read_recordings([bag], parse_columns(COLUMNS)).recordings[0].columns["x_m"]
+    half = whole[len(whole) // 2]
+    for number, later in ((9, "<"), (10, ">=")):
+        part = first.with_name(f"bag_{number}.db3")
+        part.write_bytes(first.read_bytes())
+        with contextlib.closing(sqlite3.connect(part)) as database:
+            middle_ns = START_NS + round(half / 0.1) * STEP_NS
+            database.execute(f"DELETE FROM messages WHERE NOT timestamp {later} {middle_ns}")
+            database.commit()
+    first.unlink()
+    (bag / "metadata.yaml").write_text("")
+    read = read_recordings([bag], parse_columns(COLUMNS))
+    assert read.recordings[0].columns["x_m"].tolist() == whole.tolist()
+    assert len(read.notes) == 1  # and none on stamps that fall
+
+
+def test_a_bag_of_which_files_or_all_are_missing_is_refused(tmp_path: Path) -> None:
+    bag = rover_bag(tmp_path / "bag", "db3")
+    for file in bag.glob("*.db3"):
+        file.unlink()
+    with pytest.raises(UnusableInput, match="files are missing"):
+        read_recordings([bag], parse_columns(COLUMNS))
+    (bag / "metadata.yaml").write_text("")
+    with pytest.raises(UnusableInput, match=r"is empty, and there is no \.db3 or \.mcap file"):
+        read_recordings([bag], parse_columns(COLUMNS))
+
+
+def rover_bag(path: Path, kind: str) -> Path:
+    """Two seconds of a rover that drives ahead, as SQLite or as MCAP."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds: dict[str, Any] = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+    plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
+    vector, none36 = kinds["Vector3"], np.zeros(36)
+    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as bag:
+        topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
+        for k in range(40):
+            ns = START_NS + STEP_NS * k
+            stamp = kinds["Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+            twist = kinds["Twist"](vector(2.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
+            ahead = kinds["Quaternion"](0.0, 0.0, 0.0, 1.0)
+            pose = kinds["Pose"](kinds["Point"](0.1 * k, 0.0, 0.0), ahead)
+            message = kinds["Odometry"](
+                kinds["Header"](stamp=stamp, frame_id="odom"),
+                "base",
+                kinds["PoseWithCovariance"](pose, none36),
+                kinds["TwistWithCovariance"](twist, none36),
+            )
+            bag.write(topic, ns, store.serialize_cdr(message, topic.msgtype))
+    return path
