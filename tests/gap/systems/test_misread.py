@@ -112,6 +112,13 @@ def told(cart, step, *more, **scales):
         ({"push": 1.0 / 9.80665}, "input push is in kgf, and not in N"),
         ({"place": -1.0}, "input push or output place has the other sign"),
         slow({"push": -1.0}, "input push or output place has the other sign"),
+        (
+            {"place": 0.0254},
+            "place is 39.37 times as large, as where columns.toml says in of a log in",
+        ),
+        slow({"push": 1e-3}, "times as large, as where columns.toml says mN of a log in N or "),
+        slow({"place": 0.85}, ""),  # a scale error of a sensor is no unit
+        slow({"place": 1.2}, ""),
         ({}, ""),
     ],
 )
@@ -192,13 +199,27 @@ def test_columns_of_one_unit_in_each_other_s_place_are_told_by_what_drives_them(
         assert "the inputs motor_1_nm and motor_2_nm are exchanged" in note
 
 
-def test_a_speed_in_another_unit_than_its_position_is_told():
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        (180.0 / np.pi, "gyro is in deg/s, and not in rad/s"),
+        (np.pi / 180.0, "gyro is 57.3 times as large, as where columns.toml says deg/s of a log"),
+    ],
+)
+def test_a_speed_in_another_unit_than_its_position_is_told(times, said):
     made = joints()
-    columns = dict(made.columns, gyro=np.rad2deg(made.columns["gyro"]))
+    columns = dict(made.columns, gyro=times * made.columns["gyro"])
     (note,) = misread(LogModel(Joints(), [Recording("made", made.time_s, columns)]))
     scale = float(note.partition("second goes ")[2].partition(" times")[0])
-    assert scale == pytest.approx(np.pi / 180.0, rel=0.05)
-    assert "gyro is in deg/s" in note
+    assert scale == pytest.approx(1.0 / times, rel=0.05)
+    assert said in note
+
+
+@pytest.mark.parametrize("times", [0.8, 1.25])
+def test_of_a_scale_error_of_a_speed_nothing_is_said(times):
+    made = joints()
+    columns = dict(made.columns, gyro=times * made.columns["gyro"])
+    assert misread(LogModel(Joints(), [Recording("made", made.time_s, columns)])) == []
 
 
 @pytest.mark.parametrize("turned", ["second", "gyro"])

@@ -106,6 +106,41 @@ def test_sizes_are_tried_up_to_where_an_effect_is_as_large_as_all_else(model, ba
     assert drag.largest >= 3.0 * max(starts)
 
 
+class Motor(System):
+    """Its speed follows a command within a time that is roughly known."""
+
+    rate_hz = RATE
+    inputs = [Input("command", "rad/s")]
+    states = {"speed": "rad/s"}
+    outputs = [Output("speed", "rad/s", noise=0.01)]
+    constants = [Constant("lag_s", 0.2, spread=0.1)]
+    ports = [
+        Port.input("command", kinds=["gain"]),
+        Port.force("speed", kinds=["viscous-friction"]),
+    ]
+
+    def derivative(self, state, inputs, c):
+        return {"speed": (inputs.command - state.speed) / c.lag_s}
+
+
+def test_a_size_of_either_sign_is_named_only_where_both_are() -> None:
+    """With a friction b a motor ends at 1/(1 + b lag) of the command: a gain below one does so.
+
+    Its time is shorter by as much, which a roughly known time may be. No friction looks like a gain
+    above one.
+    """
+    command = np.repeat(np.random.default_rng(0).standard_normal(40) * 8.0, 20)
+    share = np.exp(-1.0 / RATE / 0.2)
+    speed = lfilter([0.0, 1.0 - share], [1.0, -share], command)
+    speed += 1e-2 * np.random.default_rng(1).standard_normal(len(command))
+    log = Recording("made", np.arange(len(command)) / RATE, {"command": command, "speed": speed})
+    motor = LogModel(Motor(), [log])
+    gain, friction = power(motor, fitted_base(motor)).effects
+    assert (gain.name, gain.rival) == ("gain@command", "viscous-friction@speed")
+    assert friction.named > 10.0 * friction.detected
+    assert gain.named == pytest.approx(0.2 * friction.named, rel=0.3)  # 1 - 1/(1 + 0.2 b)
+
+
 @pytest.mark.whole
 def test_fast_jumps_tell_a_lag_from_a_dead_time(model, base) -> None:
     """Their phases part at high frequencies: slow motion looks the same with both."""

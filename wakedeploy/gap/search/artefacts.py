@@ -361,6 +361,7 @@ class Answer(Artefact):
             clocks, or a delay that the system has too much.
         late_by_a_row: Delays of one sample, of what may have been logged a row too early.
         curved: Inputs that act by a curve, where what was named may stand for a lag behind that.
+        answered: What inputs do with an effect that was found, as a share of what they do without.
         noise: Sizes of the noise, by what it acts on.
         rounds: What each round of the search ranked.
         unsettled: Fits that did not reach their top.
@@ -390,6 +391,7 @@ class Answer(Artefact):
     late: dict[str, Number] = {}
     late_by_a_row: list[str] = []
     curved: list[str] = []
+    answered: dict[str, Number] = {}
     noise: dict[str, Quantity]
     rounds: list[Round]
     unsettled: list[str]

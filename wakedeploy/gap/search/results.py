@@ -77,6 +77,7 @@ def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None
         late=model.late_inputs(outcome.base, outcome.found),
         late_by_a_row=model.late_by_a_row(outcome.found),
         curved=model.curved_inputs([*outcome.found.hypothesis, *outcome.rivals]),
+        answered={n: model.inputs_answered(outcome.found, n) for n in outcome.found.hypothesis},
         noise=_noise(outcome.found),
         rounds=outcome.rounds,
         unsettled=list(outcome.unsettled),

@@ -188,14 +188,37 @@ def _in_other_units(system: StateSpace, errors: Mapping[int, FloatArray]) -> Ite
     stated = [(f"input {i.name}", i.name, i.unit) for i in system.logged if off]
     stated += [(f"output {o.name}", o.name, o.unit) for o in off]
     for what, name, unit in stated:
-        for other, scale in _units_of(unit):
+        for words, scale in _readings(what, unit):
             if abs(math.log(scale)) > max(least, _OFF_SCALE):
-                yield _scaled(f"{what} is in {other}, and not in {unit or '1'}", name, scale)
+                yield _scaled(words, name, scale)
 
 
 def _relative(constant: Constant) -> float:
     """How far a constant may be off, as the logarithm of a scale; 0 for one about 0."""
     return math.log1p(constant.spread / abs(constant.value)) if constant.keeps_sign else 0.0
+
+
+def _readings(what: str, unit: str) -> list[tuple[str, float]]:
+    """What may be wrong about a column's unit, and what its numbers are then multiplied by.
+
+    It is in another unit that nobody stated, or another was stated and it is in the system's: then
+    it was divided by what it should not have been. Two of one scale, as kN and mN, are one.
+    """
+    said: dict[float, list[str]] = {}
+    own, units = unit or "1", [*_units_of(unit)]
+    for other, scale in units:
+        said.setdefault(_rounded(scale), []).append(f"{what} is in {other}, and not in {own}")
+    for other, scale in units:
+        times = 1.0 / scale
+        said.setdefault(_rounded(times), []).append(
+            f"{what} is {times:.4g} times as large, as where columns.toml says {other} of a log "
+            f"in {own}"
+        )
+    return [(" or ".join(words), scale) for scale, words in said.items()]
+
+
+def _rounded(scale: float) -> float:
+    return float(f"{scale:.9g}")
 
 
 def _units_of(unit: str) -> Iterator[tuple[str, float]]:
@@ -392,9 +415,9 @@ def _of_scale(
     scale = float(np.sqrt(np.sum(way**2) / np.sum(own**2)))
     units = {o.name: o.unit for o in model.system.outputs}
     likely = [
-        f"{name} is in {other}"
+        words
         for name, wanted in ((place, 1.0 / scale), (speed, scale))
-        for other, factor in _units_of(units[name])
+        for words, factor in _readings(name, units[name])
         if abs(math.log(factor / wanted)) < _OFF_SCALE
     ]
     if not likely:

@@ -7,7 +7,7 @@ they use numpy alone.
 
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -441,6 +441,29 @@ class StateSpace:
             for state in self.states
             if np.array_equal(values, tried[state])
         }
+
+    def is_shown_without(self, output: str, others: Container[str] = ()) -> bool:
+        """Whether each state that an output shows has an output of its own, but for some others.
+
+        A position and its speed show each other.
+        """
+        reads = self._read_by_outputs
+        alone = [s for n, s in reads.items() if n != output and n not in others and len(s) == 1]
+        known: set[str] = set().union(*alone)
+        pairs = self.kinematic().items()
+        known |= {a for a, b in pairs if b in known} | {b for a, b in pairs if a in known}
+        return bool(reads[output]) and reads[output] <= known
+
+    @functools.cached_property
+    def _read_by_outputs(self) -> dict[str, set[str]]:
+        """The states on which each output's reading depends."""
+        plain = self._shown(self._probed()[0])
+        found: dict[str, set[str]] = {name: set() for name in plain}
+        for state in self.states:
+            for name, moved in self._shown(self._probed(state)[0]).items():
+                if not np.array_equal(moved, plain[name], equal_nan=True):
+                    found[name].add(state)
+        return found
 
     def shown_afar(self) -> dict[str, FloatArray]:
         """What sensors show at states of either sign, however large, (20,) by the output's name.

@@ -315,23 +315,20 @@ def test_a_name_that_may_stand_for_a_lag_behind_a_curve_is_doubted_and_the_law_c
 
 
 @pytest.mark.parametrize(
-    ("name", "parameter", "value", "is_doubted"),
+    ("answered", "is_doubted"),
     [
-        ("added-inertia@v", "ratio", 2.4, True),
-        ("added-inertia@v", "ratio", 0.3, False),
-        ("added-inertia@v", "ratio", -0.5, False),
-        ("sensor-gain@x", "error", -0.8, True),
-        ("gain@u", "error", -0.2, False),
-        ("drag@v", "ratio", 2.4, False),
+        ({"drag@v": 1.0, "added-inertia@v": 0.29}, True),
+        ({"added-inertia@v": 0.77}, False),
+        ({"added-inertia@v": 2.0}, False),
+        ({}, False),
     ],
 )
 def test_an_effect_by_which_inputs_do_far_less_may_stand_for_a_force_that_is_held_against(
-    name: str, parameter: str, value: float, is_doubted: bool
+    answered: dict[str, float], is_doubted: bool
 ) -> None:
-    size = {"value": value, "low": value - 0.1, "high": value + 0.1, "unit": "1"}
-    effects = [{"name": name, "parameters": {parameter: size}, "forecast": SHARE}]
-    said = " ".join(first_screen(result(effects=effects)))
+    said = " ".join(first_screen(result(answered=answered)))
     assert ("a force that stands in no column" in said) is is_doubted
+    assert ("with `added-inertia@v` inputs do 29 % of what" in said) is is_doubted
 
 
 @pytest.mark.parametrize(
@@ -341,6 +338,10 @@ def test_an_effect_by_which_inputs_do_far_less_may_stand_for_a_force_that_is_hel
         ("sensor-dead-time@x", "delay_s", 1.95, False),
         ("stiffness@v", "stiffness", 1.9, True),  # to either side
         ("sensor-floor@x", "limit", 2.0, False),  # where the lowest reading is
+        ("sensor-gain@x", "error", 1.9, True),  # a library's -0.9 says nothing
+        ("scale@c", "error", 1.9, True),
+        ("added-inertia@v", "ratio", 1.9, True),
+        ("lag@u", "tau_s", 1.9, False),  # no lag
         ("gain@u", "error", 1.9, False),  # nothing arrives: that is an end by itself
     ],
 )

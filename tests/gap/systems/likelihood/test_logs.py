@@ -120,6 +120,36 @@ def test_what_inputs_do_with_an_effect_is_what_its_size_says():
         assert model.inputs_answered(fitted, name) == pytest.approx(share)
 
 
+@pytest.mark.parametrize(
+    ("more", "also", "share"),
+    [
+        ({"speed_mps": "m/s"}, (), 1.0),  # the speed answers: no force holds the mass
+        ({"speed_mps": "m/s"}, ("sensor-gain@speed_mps",), 0.1),  # it answers by less, too
+        ({"doubled_m": "m"}, (), 1.0),
+        ({"force_shown_n": "N"}, (), 0.1),
+        ({}, (), 0.1),
+    ],
+)
+def test_a_sensor_s_gain_looks_like_a_held_force_only_where_no_other_shows_the_motion(
+    more, also, share
+):
+    class Shown(Mass):
+        outputs = [*Mass.outputs, *(Output(name, unit) for name, unit in more.items())]
+        ports = [Port.output(output.name) for output in outputs]
+
+        def measure(self, state, inputs, c):
+            known = {"doubled_m": 2.0 * state.position_m, "force_shown_n": inputs.force_n}
+            return {name: known[name] for name in more if name in known}
+
+    made = recorded(1, seconds=4.0)
+    columns = {**made.columns, **dict.fromkeys(more, made.columns["position_m"])}
+    model = LogModel(Shown(), [Recording("made", made.time_s, columns)])
+    name = "sensor-gain@position_m"
+    values = {f"{each}.error": -0.9 for each in (name, *also)}
+    fitted = SimpleNamespace(value=values.get, hypothesis=(name, *also))
+    assert model.inputs_answered(fitted, name) == pytest.approx(share)
+
+
 @pytest.mark.parametrize("driven", [1.0, 0.9, 0.1])
 def test_the_last_quarter_confirms_where_it_moves_and_where_hardly_anything_does(driven):
     model = LogModel(Mass(), [recorded(1, friction_n=2.0, driven=driven)])

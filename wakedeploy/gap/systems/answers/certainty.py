@@ -12,6 +12,7 @@ from wakedeploy.gap.systems.kinds.kind import Parameter
 from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import counted, listed, spoken
 
+_MEANT = (0.0, -1.0, 1.0)  # bounds: no effect, and all of an input
 _UNEVEN = 2.0  # times what even noise brings
 _MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
@@ -42,8 +43,8 @@ def certainty(result: Result) -> str:
 def _at_its_end(result: Result) -> str:
     """That a size went as far as the library lets it: the truth may lie beyond, or be another.
 
-    Ends within the usual size, as of a gain that lets nothing through, or at the readings' own, as
-    of a sensor that is cut, mean something by themselves.
+    Some ends mean something by themselves: no effect, an input of which nothing is left, and those
+    at the readings' own, as of a sensor that is cut.
     """
     for effect in result.effects:
         for kind in kinds_of(effect.name):
@@ -60,8 +61,8 @@ def _is_at_its_end(parameter: Parameter, effect: Effect) -> bool:
     size = effect.parameters.get(parameter.name)
     if size is None or size.low == size.high or parameter.origin:
         return False
-    at_top = size.value >= size.high and parameter.high > 1.0
-    return at_top or (size.value <= size.low and parameter.low < -1.0)
+    at_top = size.value >= size.high and parameter.high not in _MEANT
+    return at_top or (size.value <= size.low and parameter.low not in _MEANT)
 
 
 def _held_against(result: Result) -> str:
@@ -69,21 +70,14 @@ def _held_against(result: Result) -> str:
 
     A controller answers a force by its input, and nothing moves: as if the input did little.
     """
-    effect = min(result.effects, key=_answered, default=None)
-    if effect is None or _answered(effect) > RULES.far_less:
+    name = min(result.answered, key=lambda name: result.answered[name], default="")
+    if not name or result.answered[name] > RULES.far_less:
         return ""
     return (
-        f"But with `{effect.name}` inputs do {whole_percent(_answered(effect))} of what the system "
+        f"But with `{name}` inputs do {whole_percent(result.answered[name])} of what the system "
         "says: where a controller gives them, a force that stands in no column, and that it holds "
         "against, looks like that, too."
     )
-
-
-def _answered(effect: Effect) -> float:
-    """The share of what inputs do by the system that is left with an effect."""
-    sizes = {name: size.value for name, size in effect.parameters.items()}
-    kinds = [k for k in kinds_of(effect.name) if sizes.keys() == {p.name for p in k.parameters}]
-    return min((kind.inputs_answered(sizes) for kind in kinds), default=1.0)
 
 
 def _rest(result: Result) -> str:

@@ -300,11 +300,18 @@ class LogModel(ComparisonDefaults):
         return held_by(self.system, self.library, hypothesis)
 
     def inputs_answered(self, fitted: Fit, name: str) -> float:
-        """What inputs do with an effect, as fitted, as a share of what they do without."""
-        kind = self.library[name].kind
-        return kind.inputs_answered(
-            {p.name: fitted.value(f"{name}.{p.name}") for p in kind.parameters}
-        )
+        """What inputs do with an effect, as fitted, as a share of what they do without.
+
+        All, with a sensor's gain, where other sensors show that what it measures does answer.
+        """
+        effect = self.library[name]
+        sizes = {p.name: fitted.value(f"{name}.{p.name}") for p in effect.kind.parameters}
+        share = effect.kind.inputs_answered(sizes)
+        if share == 1.0 or effect.port.role != "output":
+            return share
+        scaled = [self.library[n] for n in fitted.hypothesis if n in self.library]
+        doubted = {e.port.name for e in scaled if e.port.role == "output" and e.kind.is_gain}
+        return 1.0 if self.system.is_shown_without(effect.port.name, doubted) else share
 
     def leftovers(self, fitted: Fit) -> tuple[Leftover, ...]:
         """What still acts and nothing explains; () far ahead."""

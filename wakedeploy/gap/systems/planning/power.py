@@ -19,12 +19,14 @@ from wakedeploy.gap.systems.planning.responses import GRID, Responses, lost_nats
 
 _DRAWS = 1600
 _TINY = 1e-12
+_CUT = 1.0 - 1e-9  # of the largest size of a grid: less was cut at a bound
 
 
 @dataclass(frozen=True)
 class EffectPower:
     """One effect: sizes of its first parameter, `unit`; infinite where no size that was tried will.
 
+    Of one that may have either sign, those from which it is told whichever it has.
     `detected` gains more than chance, `named` is also ahead of `rival`, the effect that imitates it
     best there; `matters` changes forecasts enough. Sizes up to the `largest` were tried.
     """
@@ -131,10 +133,26 @@ def chance(curves: Mapping[str, FloatArray]) -> float:
 def _of(
     responses: Responses, curves: Mapping[str, FloatArray], name: str, threshold: float
 ) -> EffectPower:
-    """One effect, at the first of its starts."""
+    """One effect, of the sign that takes the larger size, where it may have either."""
+    firsts = responses.usual(name)[:, 0]
+    against = np.flatnonzero(firsts * firsts[0] < 0.0)[:1]
+    each = [_of_start(responses, curves, name, k, threshold) for k in (0, *map(int, against))]
+    worst = max(each, key=lambda e: (e.named, e.least))
+    return replace(
+        worst,
+        detected=max(e.detected for e in each),
+        matters=max(e.matters for e in each),
+        largest=min(e.largest for e in each),
+    )
+
+
+def _of_start(
+    responses: Responses, curves: Mapping[str, FloatArray], name: str, k: int, threshold: float
+) -> EffectPower:
+    """One effect, at one of its starts."""
     free = responses.model.effects[name]
-    first = responses.usual(name)[:1]
-    rows = curves[name][0]
+    first = responses.usual(name)[k : k + 1]
+    rows = curves[name][k]
     reached = 1 + int(np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)).max(initial=-1))
     sizes = np.abs(responses.scaled(name, first, GRID)[0, :, 0])
     rivals = [n for n in curves if n != name]
@@ -154,11 +172,13 @@ def _of(
 def _crossing(sizes: FloatArray, nats: FloatArray, wanted: float) -> float:
     """The size from which nats are above what is wanted; nats grow with its square in between.
 
-    They stay above at the next larger size as well. Far beyond, effects may look alike again: a
-    dead band and a coarse step that both swallow every command.
+    They stay above at the next larger size as well, but where that is a bound. Far beyond, effects
+    may look alike again: a dead band and a coarse step that both swallow every command; and a gain
+    that lets nothing through is no reason not to name one that lets half through.
     """
     above = nats >= wanted
-    lasting = np.flatnonzero(above & np.append(above[1:], True))
+    is_bound = (sizes[1:] == sizes[-1]) & (sizes[-1] < _CUT * sizes[0] * GRID[-1] / GRID[0])
+    lasting = np.flatnonzero(above & np.append(above[1:] | is_bound, True))
     if not lasting.size:
         return math.inf
     first = int(lasting[0])
