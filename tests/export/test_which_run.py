@@ -101,6 +101,9 @@ def test_where_there_is_no_run_it_says_so(tmp_path: Path, monkeypatch: pytest.Mo
     done = wakedeploy("export")
     assert done.exit_code == 2
     assert "runs holds no finished run" in done.stderr
+    done = wakedeploy("export", "--run", "runs/auv/gru/s9")
+    assert done.exit_code == 2
+    assert "runs/auv/gru/s9 is no run, neither here nor in runs" in done.stderr
 
 
 @pytest.mark.whole

@@ -123,6 +123,11 @@ def _chosen(run: Path | None, runs: Path, arch: str | None, *, is_bare: bool) ->
         named = next((path for path in (run, runs / run) if (path / CONFIG).is_file()), None)
         if named is not None:
             return named, ""
+        if not (run.is_dir() or (runs / run).is_dir()):
+            raise UnusableInput(
+                f"{run} is no run, neither here nor in {runs}; give the folder of one, such as"
+                " runs/gantry/gru/s0."
+            )
         place = run if run.is_dir() else runs / run
     found = runs_of(place, arch)
     if len(found) > 1 and arch is None and not is_bare:
