@@ -18,7 +18,7 @@ from made_packages import package_of, tiny_manifest, tiny_model
 
 from wakedeploy.core.package import Package
 
-# At the default of 700 objects a tenth of all time goes into looking for garbage: tests import a lot.
+# At the default of 700 objects a tenth of all time goes into looking for garbage.
 gc.set_threshold(50_000)
 
 # The same examples in every run: a check that fails must fail again. `make explore` draws new ones.

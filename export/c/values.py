@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
-from wakedeploy.core.manifest import FloatArray
 from wakedeploy.core.onnx_graph import Shape
 
 LOOP_VARIABLES = "ijklmn"
@@ -153,7 +153,7 @@ def literal(value: float) -> str:
     return f"{text}f"
 
 
-def literals(values: FloatArray) -> list[str]:
+def literals(values: npt.NDArray[np.generic]) -> list[str]:
     """The same of many values. NumPy writes most of them so by itself, all at once and sooner."""
     numbers = np.asarray(values, np.float32).ravel()
     return [
