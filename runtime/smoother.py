@@ -24,6 +24,7 @@ OUTLIER_PROBABILITY = 0.01
 _OUTLIER_SPAN_M = 1.0  # an outlier lies anywhere within it
 _START_SD = (0.1, 1.0)  # of height [m] about the first samples, and of speed [m/s]
 _SERIES = 18
+_EYE, _IS_HEIGHT = np.eye(4), np.arange(4) == 0  # by states
 
 # The fit looks at a coarse grid first, then at the best point's neighbours (as factors).
 COARSE_TIME_S = (0.1, 0.2, 0.4, 0.8, 1.6)
@@ -98,6 +99,7 @@ class _Forward:
     covariances: FloatArray  # (E, G, 4, 4)
     log_likelihood: FloatArray  # (G,)
     rejected: FloatArray  # (G,)
+    steps: list[tuple[FloatArray, FloatArray]]  # (G, 4, 4) each: transition and noise before each
 
 
 def smooth(flight: Flight, model: ForceModel, mass_kg: float) -> Smoothed:
@@ -105,12 +107,8 @@ def smooth(flight: Flight, model: ForceModel, mass_kg: float) -> Smoothed:
     events = _merge(flight)
     forward = _filter(events, [model], mass_kg, keep=True)
     means, covariances = forward.means[:, 0], forward.covariances[:, 0]
-    steps = _Steps([model], mass_kg)
-    matrices = [
-        steps.at(*event) for event in zip(events.dt_s[1:], events.activity[1:], strict=True)
-    ]
-    transitions = [f[0] for f, _ in matrices]
-    noises = [q[0] for _, q in matrices]
+    transitions = [f[0] for f, _ in forward.steps[1:]]
+    noises = [q[0] for _, q in forward.steps[1:]]
     after, cov, _, _ = rts_smoother(means, covariances, transitions, noises)
     return _results(flight, events, means, after, cov, forward)
 
@@ -179,14 +177,18 @@ class _Steps:
         for _ in range(_SERIES):
             powers.append(drift @ powers[-1])
             noises.append(drift @ noises[-1] + noises[-1] @ drift.swapaxes(-1, -2))
-        self._powers, self._noises = np.stack(powers), np.stack(noises)  # (K, G, 4, 4)
+        # Flat, (K, G · 16): a product of plain matrices takes no time to find its axes.
+        self._powers = np.stack(powers).reshape(len(powers), -1)
+        self._noises = np.stack(noises).reshape(len(noises), -1)
+        self._shape = drift.shape
+        self._exponents = np.arange(_SERIES + 2)
         self._factorials = np.array([math.factorial(k) for k in range(_SERIES + 2)], dtype=float)
 
     def at(self, dt_s: float, activity: float = 1.0) -> tuple[FloatArray, FloatArray]:
         """(F, Q), each (G, 4, 4), where the flight's activity is `activity`."""
-        terms = dt_s ** np.arange(_SERIES + 2) / self._factorials
-        transition = np.tensordot(terms[:-1], self._powers, 1)
-        noise = np.tensordot(terms[1:], self._noises, 1)
+        terms = (dt_s**self._exponents / self._factorials)[None]
+        transition = np.dot(terms[:, :-1], self._powers).reshape(self._shape)
+        noise = np.dot(terms[:, 1:], self._noises).reshape(self._shape)
         scale = 1.0 - self._share + self._share * activity
         return transition, noise * scale[:, None, None]
 
@@ -224,7 +226,7 @@ def _merge(flight: Flight) -> _Events:
 def _filter(
     events: _Events, models: Sequence[ForceModel], mass_kg: float, keep: bool = False
 ) -> _Forward:
-    """The forward pass for a batch of models; states are kept only when asked for."""
+    """The forward pass for a batch of models; states and steps are kept only when asked for."""
     steps = _Steps(models, mass_kg)
     noise = np.array([model.range_sd_m**2 for model in models])
     spread = _starting_variance(models)
@@ -233,7 +235,7 @@ def _filter(
     mean[:, 0] = np.median(events.deviation_m[np.isfinite(events.deviation_m)][:3])
     cov = spread[:, :, None] * np.eye(spread.shape[1])
     score, rejected = np.zeros(len(models)), np.zeros(len(models))
-    means, covs = [], []
+    means, covs, taken = [], [], []
     for dt, activity, deviation in zip(
         events.dt_s, events.activity, events.deviation_m, strict=True
     ):
@@ -247,7 +249,8 @@ def _filter(
         if keep:
             means.append(mean)
             covs.append(cov)
-    return _Forward(np.array(means), np.array(covs), score, rejected)
+            taken.append((transition, process))
+    return _Forward(np.array(means), np.array(covs), score, rejected, taken)
 
 
 def _update(
@@ -268,7 +271,7 @@ def _update(
     gain = cov[:, :, 0] / variance[:, None] * used[:, None]
     mean = mean + gain * innovation[:, None]
     # Joseph's form keeps the covariance symmetric and positive.
-    keep = np.eye(cov.shape[-1]) - gain[:, :, None] * (np.arange(cov.shape[-1]) == 0)
+    keep = _EYE - gain[:, :, None] * _IS_HEIGHT
     cov = keep @ cov @ keep.swapaxes(-1, -2)
     cov = cov + gain[:, :, None] * gain[:, None, :] * noise[:, None, None]
     return mean, cov, np.logaddexp(good, stray), 1.0 - used

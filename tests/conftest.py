@@ -18,6 +18,9 @@ from made_packages import package_of, tiny_manifest, tiny_model
 
 from wakedeploy.core.package import Package
 
+# At the default of 700 objects a tenth of all time goes into looking for garbage.
+gc.set_threshold(50_000)
+
 # The same examples in every run: a check that fails must fail again. `make explore` draws new ones.
 # How long an example takes depends on what else the machine does.
 _UNTIMED = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}

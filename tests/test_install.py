@@ -65,9 +65,18 @@ def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def with_onnx(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with the extra that flies packages."""
-    return installed(f"{wheel}[onnx]", tmp_path_factory.mktemp("onnx") / "venv")
+def with_onnx(wheel: Path, base: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with the extra that flies packages; what the base install needs is there already."""
+    folder = tmp_path_factory.mktemp("onnx") / "venv"
+    (there,) = base.parent.glob("lib/*/site-packages")
+    for path in there.rglob("*"):
+        within = path.relative_to(there)
+        is_ours = within.parts[0] in PACKAGES or within.parts[0].startswith("wakedeploy-")
+        if path.is_file() and not is_ours:
+            copy = folder / there.relative_to(base.parent) / within
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.hardlink_to(path)
+    return installed(f"{wheel}[onnx]", folder)
 
 
 def installed(what: str, folder: Path) -> Path:

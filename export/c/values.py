@@ -9,10 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from wakedeploy.core.onnx_graph import Shape
 
 LOOP_VARIABLES = "ijklmn"
+_LONGEST = 16  # characters of a number that is written without an exponent
 # What each element of an expression becomes; tanh and the like are those of <math.h>.
 FORMS = {
     "Add": "{} + {}",
@@ -146,9 +148,18 @@ def same_but_units(first: Shape, other: Shape) -> bool:
 def literal(value: float) -> str:
     """A float32 as C writes it, the same to the last bit."""
     text = np.format_float_positional(np.float32(value), unique=True, trim="0")
-    if len(text) > 16:
+    if len(text) > _LONGEST:
         text = np.format_float_scientific(np.float32(value), unique=True, trim="0")
     return f"{text}f"
+
+
+def literals(values: npt.NDArray[np.generic]) -> list[str]:
+    """The same of many values. NumPy writes most of them so by itself, all at once and sooner."""
+    numbers = np.asarray(values, np.float32).ravel()
+    return [
+        f"{text}f" if len(text) <= _LONGEST and "e" not in text else literal(value)
+        for text, value in zip(numbers.astype(str).tolist(), numbers.tolist(), strict=True)
+    ]
 
 
 def loop_axes(

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from export.c.values import literal
+from export.c.values import literals
 from wakedeploy.core.manifest import FloatArray
 
 Kind = Literal["float32", "float16", "int8"]
@@ -23,7 +23,7 @@ _WORTH = 1024  # entries
 STEPS_OF_INT8 = 127
 BYTES: dict[Kind, int] = {"float32": 4, "float16": 2, "int8": 1}
 _TYPES: dict[Kind, str] = {"float32": "float", "float16": "uint16_t", "int8": "int8_t"}
-_WIDTH = 100
+_WIDTH, _INDENT = 100, "   "
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,14 +137,12 @@ def blocks(kept: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
 
 def constants(declared: str, values: FloatArray) -> str:
     """A constant array of float32."""
-    return _filled(
-        f"static const FLASH float {declared}", [literal(float(v)) for v in values.ravel()]
-    )
+    return _filled(f"static const FLASH float {declared}", literals(values))
 
 
 def _array(declared: str, kind: Kind, kept: npt.NDArray[np.generic], what: str) -> str:
     if kind == "float32":
-        numbers = [literal(float(v)) for v in kept]
+        numbers = literals(kept)
     elif kind == "float16":
         numbers = [str(v) for v in kept.view(np.uint16)]
     else:
@@ -157,10 +155,14 @@ def _whole_numbers(declared: str, kind: str, values: npt.NDArray[np.generic]) ->
 
 
 def _filled(declaration: str, numbers: Sequence[str]) -> str:
-    lines, line = [f"{declaration} = {{"], "   "
-    for number in numbers:
-        if len(line) + len(number) + 2 > _WIDTH:
-            lines.append(line)
-            line = "   "
-        line += f" {number},"
-    return "\n".join([*lines, line, "};"])
+    lines, first, width = [f"{declaration} = {{"], 0, len(_INDENT)
+    for place, number in enumerate(numbers):
+        if width + len(number) + 2 > _WIDTH:
+            lines.append(_line(numbers[first:place]))
+            first, width = place, len(_INDENT)
+        width += len(number) + 2
+    return "\n".join([*lines, _line(numbers[first:]), "};"])
+
+
+def _line(numbers: Sequence[str]) -> str:
+    return _INDENT + "".join([f" {number}," for number in numbers])

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.fuzz import pool
 from benchmarks.fuzz.judge import RAN_OUT, Judge, Verdict
 from benchmarks.fuzz.kind import Kind
-from benchmarks.fuzz.pool import MOST_MIB, Batch, Pool, Tally, judged, unread_sound
+from benchmarks.fuzz.pool import Batch, Pool, Tally, judged, unread_sound
 from benchmarks.fuzz.smallest import smallest
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
@@ -154,12 +155,15 @@ def test_a_failing_file_is_made_small(judge: Judge) -> None:
     ("reserve", "outcomes"), [(np.empty, {"refused"}), (np.ones, {"refused", "failed"})]
 )
 def test_memory_counts_that_is_written_not_what_is_asked_for(
-    reserve: Callable[[int], object], outcomes: set[str]
+    reserve: Callable[[int], object], outcomes: set[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    most_mib = 128  # less than workers have: what is written in vain is written sooner
+    monkeypatch.setattr(pool, "MOST_MIB", most_mib)
+
     def read(folder: Path) -> None:
         try:
             large = b"\xff" in (folder / "a.txt").read_bytes()
-            reserve((MOST_MIB + 64) << 17 if large else 1)
+            reserve((most_mib + 64) << 17 if large else 1)
         except MemoryError as error:
             raise UnusableInput(f"{folder}: states a size that is not its own.") from error
         raise UnusableInput(f"{folder}: is damaged, which shows further on.")
@@ -197,9 +201,9 @@ def test_workers_that_die_are_told_with_the_file_that_killed_them() -> None:
             bytearray(1 << 30)
 
     kind = kind_of(read, ways={"*": lambda draw, data, other: draw.choice((b"", b"\xff", b"x"))})
-    pool, failures, files = Pool({"text": kind}, 0, 1), [], 0
+    workers, failures, files = Pool({"text": kind}, 0, 1), [], 0
     troubles: set[str] = set()
-    for outcome in pool.outcomes(60.0):
+    for outcome in workers.outcomes(60.0):
         failures += outcome.failures
         files += outcome.tally.files
         assert isinstance(outcome.batch, Batch)

@@ -1,6 +1,8 @@
 """What the C of a package computes, beside the training-time forward, torch and onnxruntime."""
 
+import functools
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,12 +113,25 @@ def test_a_reservoir_is_kept_by_its_entries(exported_arch):
     assert sparse.flash_bytes("float32") == 6 * entries + 2 * 1000 < 0.2 * 4 * 1000**2
 
 
+@pytest.fixture(scope="module")
+def sources(exported_arch, tmp_path_factory):
+    """A function of how weights are kept: the C of all eight, written once for all compilers."""
+
+    @functools.cache
+    def of(kind: str) -> list[Path]:
+        packages = [exported_arch(arch).package for arch in ARCHITECTURES]
+        folders = [tmp_path_factory.mktemp(kind) for _ in packages]
+        models = [model_of(package, kind) for package in packages]
+        return [written(*each) for each in zip(models, folders, strict=True)]
+
+    return of
+
+
 @pytest.mark.whole
 @pytest.mark.parametrize("compiler", [pytest.param("gcc"), pytest.param("clang", marks=clang)])
 @pytest.mark.parametrize("kind", ["float32", "float16", "int8"])
-def test_it_compiles_without_a_warning(exported_arch, tmp_path, compiler, kind):
-    for arch in ARCHITECTURES:
-        path = written(model_of(exported_arch(arch).package, kind), tmp_path)
+def test_it_compiles_without_a_warning(sources, compiler, kind):
+    for path in sources(kind):
         warned = (*STRICT, "-Wshadow", "-Wpedantic", "-Wno-overlength-strings")
         done = subprocess.run(
             [compiler, *warned, "-fsyntax-only", path], capture_output=True, text=True

@@ -2,6 +2,7 @@
 
 import dataclasses
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,26 @@ def walk(seed: int = 0) -> EpisodeSet:
         force=(Channel("force_z_n", "N"),), window_s=0.125, loss_weights=(1.0,),
         split={episode.name: episode.name for episode in episodes}, episodes=episodes,
     )  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def each_graph_is_made_once() -> Iterator[None]:
+    """Two runs are exported a dozen times here: what their graphs look like is asked elsewhere."""
+    pytest.importorskip("torch")
+    from export import packaging
+
+    made, ordinary = {}, packaging.graph_bytes
+
+    def once(predictor, force):
+        weights = [(n, w.numpy().tobytes()) for n, w in predictor.state_dict().items()]
+        key = predictor.__class__, tuple(weights), repr(force)
+        if key not in made:
+            made[key] = ordinary(predictor, force)
+        return made[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(packaging, "graph_bytes", once)
+        yield
 
 
 @pytest.fixture(scope="module")

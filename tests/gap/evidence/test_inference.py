@@ -416,7 +416,7 @@ class Clustered:
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("shared_sd", [0.0, 0.25, 1.0])
+@pytest.mark.parametrize("shared_sd", [0.0, pytest.param(0.25, marks=pytest.mark.slow), 1.0])
 def test_intervals_hold_the_truth_as_often_as_they_say(shared_sd: float) -> None:
     """Also where flights differ by as much as the noise within one makes their means differ."""
     held, count = 0, 500

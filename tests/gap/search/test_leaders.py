@@ -78,16 +78,12 @@ def _climbed_to_the_end(model: LogModel, base: Fit, name: str) -> Fit:
     return max((settled(model, end)[0] for end in ends), key=lambda f: f.objective)
 
 
-@pytest.mark.whole
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "truth"),
     [
-        pytest.param({"sticks": 20.0}, {FRICTION}, marks=pytest.mark.slow),
-        pytest.param(
-            {"late": 2},
-            {"dead-time@command_rad", "sensor-dead-time@angle_rad"},
-            marks=pytest.mark.slow,
-        ),
+        ({"sticks": 20.0}, {FRICTION}),
+        ({"late": 2}, {"dead-time@command_rad", "sensor-dead-time@angle_rad"}),
         ({"adds": 8.0}, {OFFSET}),
     ],
 )

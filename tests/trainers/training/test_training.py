@@ -196,7 +196,15 @@ def test_a_run_of_another_revision_of_the_code_is_told(echo: EpisodeSet, tmp_pat
         trained(echo, tmp_path, "agile-mlp")
 
 
-@pytest.mark.parametrize("arch", ENDS[TRAINING])
+@pytest.mark.parametrize(
+    "arch",
+    [  # of each kind of memory one, and the one that is not fitted by steps
+        arch
+        if arch in ("history-mlp", "gru", "esn")
+        else pytest.param(arch, marks=pytest.mark.slow)
+        for arch in ENDS[TRAINING]
+    ],
+)
 def test_fits_end_where_this_revision_ends(arch: str, echo: EpisodeSet, tmp_path: Path) -> None:
     """To 0.1 %: machines differ by less, every change of what is fitted by more."""
     settings = dataclasses.replace(SHORT, epochs=2)

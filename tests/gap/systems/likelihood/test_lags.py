@@ -96,7 +96,7 @@ def _late_log(seed: int, delay_s: float, minutes: float = 4.0) -> Recording:
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("delay_s", [2.0, 3.6])
+@pytest.mark.parametrize("delay_s", [pytest.param(2.0, marks=pytest.mark.slow), 3.6])
 def test_a_script_that_begins_with_a_step_does_not_hide_that_its_commands_act_late(delay_s):
     """What the pump did before the log says no column, and until the delay is over it acts."""
     model = LogModel(Tank(), [_late_log(5, delay_s)])

@@ -26,6 +26,7 @@ from wakedeploy.domains.tables.log import (
 _READER = Path(__file__).with_name("hdf5_process.py")
 _SLOWEST_S = 10  # for a small file
 _BYTES_PER_S = 2_000_000  # one second more for this many bytes
+_MOST_KEPT_BYTES = 16 << 20  # of what was read of a file
 
 
 def open_log(path: Path, csv: Delimited) -> "Hdf5Log":
@@ -48,6 +49,7 @@ class Hdf5Log:
         self._kinds: dict[str, str] = {name: kind for name, (_, kind, _) in about.items()}
         self._units: dict[str, str | None] = {name: unit for name, (_, _, unit) in about.items()}
         self._arrays = Arrays(path, self._shapes)
+        self._kept: dict[str, Values] = {}  # datasets that were read, while they are small
 
     def fields(self) -> list[Field]:
         """Every dataset, tables number by number."""
@@ -70,7 +72,7 @@ class Hdf5Log:
                 raise refused(self.path, address, "does not hold real numbers", "choose another")
         needed = sorted(set(keys.values()))
         require_values(self.path, sum(int(np.prod(self._shapes[key])) for key in needed))
-        held = self._datasets(needed) if needed else {}
+        held = self._datasets(needed)
         return {a: self._arrays.column(name, held[keys[a]]) for a, name in plain.items()}
 
     def place(self, address: str, index: int) -> str:
@@ -78,6 +80,16 @@ class Hdf5Log:
         return f"sample {index}"
 
     def _datasets(self, names: Sequence[str]) -> dict[str, Values]:
+        """Whole datasets. Who guesses what columns mean asks for the same ones again and again."""
+        found = {name: self._kept[name].copy() for name in names if name in self._kept}
+        found |= self._read([name for name in names if name not in found])
+        if sum(array.nbytes for array in (self._kept | found).values()) <= _MOST_KEPT_BYTES:
+            self._kept |= {n: array.copy() for n, array in found.items() if n not in self._kept}
+        return found
+
+    def _read(self, names: Sequence[str]) -> dict[str, Values]:
+        if not names:
+            return {}
         with tempfile.TemporaryDirectory() as folder:
             self._run(folder, *names)
             files = [Path(folder) / f"{number}.npy" for number in range(len(names))]

@@ -10,8 +10,8 @@ Automatica 40, 2004, whose estimates are those of an extended Kalman filter, too
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -39,8 +39,7 @@ class Start:
     spread: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Driving:
+class Driving(NamedTuple):
     """Inputs of lanes in a step, (1, L) by name: their `mean`, and how much comes `early`.
 
     `early` is empty if no input changes within a step. `before` are means in the step before, if
@@ -176,7 +175,9 @@ class Inputs:
                 before = self._gathered(0, step - 1 + np.isin(step, self._begins))
             for i in range(len(step)):
                 yield Driving(
-                    *({n: rows[i] for n, rows in u.items()} for u in (mean, early, before))
+                    {n: rows[i] for n, rows in mean.items()},
+                    {n: rows[i] for n, rows in early.items()} if early else early,
+                    {n: rows[i] for n, rows in before.items()} if before else before,
                 )
 
     def _gathered(self, part: int, step: IntArray) -> dict[str, FloatArray]:
@@ -265,8 +266,8 @@ class Filter:
             for j in range(steps):
                 u = next(driving) if j else u
                 stepping.on(x, p, u, c, spread, time_s)
-            lost = ~(np.abs(x).max(0) < _LOST)
-            if lost.any():
+            if not np.abs(x).max() < _LOST:  # also if something is no number
+                lost = ~(np.abs(x).max(0) < _LOST)
                 x[:, lost], p[:, :, lost] = 0.0, 0.0
                 statistics[t][:, :, lost] = np.array([0.0, 1.0, LOST_NATS, 1.0])[:, None, None]
         shape = (len(at), 4, m, count, parts)
@@ -376,7 +377,7 @@ class Filter:
             here = acting.system.steps * at + step
             time_s = np.asarray(here * step_s, dtype=np.float64)[None, :]
             u, given = inputs.at(0, here), (acting.constants(spread, time_s), spread, time_s)
-            held = replace(u, early={})  # a finer step has none of what a whole one has early
+            held = u._replace(early={})  # a finer step has none of what a whole one has early
             for _ in range(finer):
                 stepping.on(x, p, held, *given, step_s=step_s / finer)
         return acting.readings(x[:, None, :], u.mean, *given, None, u.before)[:, 0]
