@@ -237,10 +237,22 @@ def arrays(q_t: str, cmd_t: str, q: str = "q", cmd: str = "cmd") -> dict[str, An
     return {q_t: t, q: np.arange(500.0), cmd_t: 1000 * command_t, cmd: np.sin(command_t)}
 
 
-@pytest.mark.parametrize("kind", ["npz", "mat", pytest.param("h5", marks=pytest.mark.whole)])
+NAMED = [("t", "cmd_time_ms"), ("t_q", "t_cmd_ms"), ("time", "x"), ("q_t", "cmd_t")]
+
+
 @pytest.mark.parametrize(
-    ("q_t", "cmd_t"),
-    [("t", "cmd_time_ms"), ("t_q", "t_cmd_ms"), ("time", "x"), ("q_t", "cmd_t")],
+    ("kind", "q_t", "cmd_t"),
+    [
+        *((kind, *names) for kind in ("npz", "mat") for names in NAMED),
+        *(  # each reading of HDF5 starts a process
+            pytest.param("h5", *names, marks=mark)
+            for names, mark in zip(
+                NAMED,
+                (pytest.mark.slow, pytest.mark.slow, pytest.mark.whole, pytest.mark.whole),
+                strict=True,
+            )
+        ),
+    ],
 )
 def test_clocks_of_several_lengths_in_one_file_are_those_of_their_columns(
     kind: str, q_t: str, cmd_t: str, tmp_path: Path
