@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
 
 _FIRST = 20  # episodes, notes and facts that the terminal shows
+_ON_COLUMN = re.compile(r"(?P<log>.+?), (?P<column>column .+?): (?P<said>.*)", re.DOTALL)
 _SHARED = 3  # notes of other logs from which on a note stands for all
 _COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance says
 
@@ -255,12 +256,12 @@ def import_table(
 
 
 def _alike_once(notes: Iterable[str]) -> Iterator[str]:
-    """Notes of which those that many logs share, but for numbers, stand once."""
-    groups: dict[str, list[str]] = {}
+    """Notes of which those on a column that many logs share, but for numbers, stand once."""
+    groups: dict[tuple[str, str], list[str]] = {}
     for note in notes:
-        log, column, said = note.partition(", column ")
-        said = f"{column}{said}" if column else log.partition(": ")[2] or log
-        groups.setdefault(re.sub(r"\d[\d.]*", "0", said), []).append(note)
+        found = _ON_COLUMN.match(note)
+        key = (found["column"], re.sub(r"\d[\d.]*", "0", found["said"])) if found else (note, "")
+        groups.setdefault(key, []).append(note)
     for first, *others in groups.values():
         if len(others) < _SHARED:
             yield from (first, *others)

@@ -11,6 +11,7 @@ import pytest
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.columns import parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.log_kinds import of_bags
 from wakedeploy.domains.tables.reading import read_recordings
 
 START_NS, STEP_NS = 1_700_000_000 * 10**9, 50_000_000
@@ -46,14 +47,20 @@ def test_of_a_folder_of_bags_the_bags_are_to_be_given(tmp_path: Path, bags, name
         (tmp_path / name).mkdir()
         (tmp_path / name / "metadata.yaml").touch()
     (tmp_path / "readme.txt").write_text("Bags of a rover.\nSee the lab book.\n")
-    sentence = f"{tmp_path}: is a folder that holds bags ({named}); give these, {tmp_path}/*."
+    sentence = f"{tmp_path}: is a folder that holds bags ({named}); give these, {tmp_path}/*/."
     assert told(tmp_path) == [sentence] * 2
 
 
 def test_a_bag_without_its_description_is_one_in_a_folder_of_bags(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run_0.db3").touch()
-    assert all("holds bags (run); give these" in sentence for sentence in told(tmp_path))
+    assert all("holds bags (run/run_0.db3); give these." in said for said in told(tmp_path))
+
+
+def test_who_keeps_tables_beside_bags_means_these(tmp_path: Path) -> None:
+    (tmp_path / "raw.bag").write_bytes(b"#ROSBAG V2.0\n\x45\x00\x00\x00")
+    (tmp_path / "imu.csv").write_text("t,q\n0.0,1.0\n0.1,2.0\n0.2,2.5\n")
+    assert of_bags(tmp_path) is None
 
 
 def test_of_a_folder_with_a_bag_of_ros_1_it_is_said_how_to_convert_that(tmp_path: Path) -> None:

@@ -107,10 +107,17 @@ def test_a_copy_under_another_name_is_refused(here: Path) -> None:
     Path("again.csv").write_bytes(Path("run1.csv").read_bytes())
     with pytest.raises(wd.UnusableInput, match=r"^again\.csv: is a copy of run1\.csv, and what a"):
         wd.import_table([*FOUR, "again.csv"], "columns.toml")
+    for folder, file in (("one", "run1.csv"), ("other", "run1.csv"), ("third", "run2.csv")):
+        Path(folder).mkdir()
+        (Path(folder) / "state.csv").write_bytes(Path(file).read_bytes())
+    Path("columns.toml").write_text(COLUMNS.replace('unit = "', 'file = "state.csv"\nunit = "'))
+    with pytest.raises(wd.UnusableInput, match=r"^other: is a copy of one, "):
+        wd.import_table(["one", "other", "third"], "columns.toml")
 
 
-@pytest.mark.parametrize(("column", "address"), [(1, "v"), (2, "f")])
-@pytest.mark.parametrize("factor", [1000.0, 0.001])
+@pytest.mark.parametrize(
+    ("column", "address", "factor"), [(1, "v", 1000.0), (1, "v", 0.001), (2, "f", 1000.0)]
+)
 def test_a_log_in_another_unit_than_the_others_is_told(
     here: Path, column: int, address: str, factor: float
 ) -> None:
@@ -119,14 +126,55 @@ def test_a_log_in_another_unit_than_the_others_is_told(
     np.savetxt("run1.csv", rows, delimiter=",", header="t,v,f", comments="")
     notes = wd.import_table(FOUR, "columns.toml").provenance["notes"]
     (note,) = [note for note in notes if "another unit" in note]
-    assert note.startswith(f"run1.csv, column '{address}': its size is up to ")
+    assert note.startswith(f"run1.csv, column '{address}': it goes up to ")
 
 
-def test_nothing_is_told_of_logs_of_which_one_is_three_times_as_lively(here: Path) -> None:
-    rows = np.loadtxt("run1.csv", delimiter=",", skiprows=1)
-    rows[:, 1:] *= 3.0
-    np.savetxt("run1.csv", rows, delimiter=",", header="t,v,f", comments="")
-    assert wd.import_table(FOUR, "columns.toml").provenance["notes"] == []
+def rewritten(file: str, column: int, values: np.ndarray) -> None:
+    rows = np.loadtxt(file, delimiter=",", skiprows=1)
+    rows[:, column] = values
+    np.savetxt(file, rows, delimiter=",", header="t,v,f", comments="")
+
+
+def test_logs_without_a_neighbour_are_in_no_other_unit(here: Path) -> None:
+    """Forces of one log are a hundredth of the others', of another all 0; one has an encounter."""
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0.0, 0.1, (4, 400))
+    for k, scale in enumerate((3.0, 0.0, 0.01, 1.0)):
+        wave = np.sin(np.arange(400) / 9)
+        rewritten(f"run{k}.csv", 2, scale * (wave + noise[k]))
+    notes = wd.import_table(FOUR, "columns.toml").provenance["notes"]
+    assert not [note for note in notes if "another unit" in note]
+    for k in range(4):
+        encounter = 20.0 * (np.arange(400) > 370) * (k == 2)
+        rewritten(f"run{k}.csv", 2, noise[k] + encounter)
+    notes = wd.import_table(FOUR, "columns.toml").provenance["notes"]
+    assert not [note for note in notes if "another unit" in note]
+
+
+def test_a_log_of_zeros_hides_no_other_unit(here: Path) -> None:
+    rewritten("run2.csv", 2, np.zeros(400))
+    rewritten("run1.csv", 2, 1e3 * np.loadtxt("run1.csv", delimiter=",", skiprows=1)[:, 2])
+    notes = wd.import_table(FOUR, "columns.toml").provenance["notes"]
+    assert [note[:8] for note in notes if "another unit" in note] == ["run1.csv"]
+
+
+def test_what_is_said_of_several_columns_is_said_of_each(here: Path) -> None:
+    rows = np.loadtxt("run0.csv", delimiter=",", skiprows=1)
+    more = np.column_stack([rows, *(rows[:, 1] * k for k in (2, 3, 4, 5))])
+    text = "t,v,f,m1,m2,m3,m4\n" + "\n".join(",".join(f"{x:.6f}" for x in row) for row in more)
+    lines = text.splitlines()
+    lines[30] = ",".join([*lines[30].split(",")[:3], "", "", "", ""])
+    Path("run0.csv").write_text("\n".join(lines) + "\n")
+    entries = "".join(
+        f'[columns.m{k}_mps]\ncolumn = "m{k}"\nrole = "observation"\nunit = "m/s"\n'
+        'missing = "hold"\n'
+        for k in range(1, 5)
+    )
+    Path("columns.toml").write_text(COLUMNS + entries)
+    told = wakedeploy(
+        "data", "import", "table", "run0.csv", "--columns", "columns.toml", "--out", "s"
+    )
+    assert all(f"column 'm{k}'" in told for k in range(1, 5))
 
 
 def test_what_many_logs_share_is_printed_once(here: Path) -> None:
@@ -148,6 +196,10 @@ def test_a_window_within_one_sample_is_refused(here: Path) -> None:
     Path("columns.toml").write_text(COLUMNS.replace("window_s = 0.2", "window_s = 0.005"))
     with pytest.raises(wd.UnusableInput, match=r"window_s = 0\.005 is less than the 0\.01 s from"):
         wd.import_table(FOUR, "columns.toml")
+    for file in FOUR:  # a clock of 99.98 Hz
+        rewritten(file, 0, np.arange(400) / 99.98)
+    Path("columns.toml").write_text(COLUMNS.replace("window_s = 0.2", "window_s = 0.01"))
+    assert wd.import_table(FOUR, "columns.toml").window_s == 0.01
 
 
 def test_stamps_whose_name_says_another_unit_are_told(here: Path) -> None:

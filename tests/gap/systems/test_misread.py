@@ -114,9 +114,12 @@ def told(cart, step, *more, **scales):
         slow({"push": -1.0}, "input push or output place has the other sign"),
         (
             {"place": 0.0254},
-            "place is 39.37 times as large, as where columns.toml says in of a log in",
+            "place is 39.37 times as large as was read, as where columns.toml says in of a log in",
         ),
-        slow({"push": 1e-3}, "times as large, as where columns.toml says mN of a log in N or "),
+        slow(
+            {"push": 1e-3},
+            "times as large as was read, as where columns.toml says mN of a log in N or ",
+        ),
         slow({"place": 0.85}, ""),  # a scale error of a sensor is no unit
         slow({"place": 1.2}, ""),
         ({}, ""),
@@ -203,7 +206,10 @@ def test_columns_of_one_unit_in_each_other_s_place_are_told_by_what_drives_them(
     ("times", "said"),
     [
         (180.0 / np.pi, "gyro is in deg/s, and not in rad/s"),
-        (np.pi / 180.0, "gyro is 57.3 times as large, as where columns.toml says deg/s of a log"),
+        (
+            np.pi / 180.0,
+            "gyro is 57.3 times as large as was read, as where columns.toml says deg/s of a log",
+        ),
     ],
 )
 def test_a_speed_in_another_unit_than_its_position_is_told(times, said):

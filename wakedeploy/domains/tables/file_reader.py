@@ -108,20 +108,6 @@ class FileReader:
             unit = units.get(address, units.get(address.lstrip("/")))  # HDF5 has both spellings
             if said := self.wanted[name].doubt(unit):
                 yield f"{place.log.path}, column {address!r}: {said}"
-        yield from self._doubted_clocks(places)
-
-    def _doubted_clocks(self, places: Mapping[str, Place]) -> Iterator[str]:
-        """Stamps whose name says another unit of time than they are read in."""
-        if self.columns.time.format is not None:
-            return
-        clocks = {(p.log.path, p.clock.address, p.clock.unit) for p in places.values() if p.clock}
-        for path, address, unit in sorted(clocks):
-            named = contradicted(address.partition("[")[0].lower(), unit)
-            if named is not None and same_dimension(named, "s"):
-                yield (
-                    f"{path}, column {address!r}: read as stamps in {unit}, and its name says"
-                    f" {named}; check the unit in [time], or time_unit"
-                )
 
     def _log(self, file: str | None) -> Log:
         key = file or ""
@@ -271,10 +257,17 @@ class FileReader:
             return numbers.astype("datetime64[ns]").astype(np.int64), Fraction(1, 10**9)
         try:
             unit = "ns" if form is not None else place.clock.unit
-            return numbers, seconds_in(unit)
+            seconds = seconds_in(unit)
         except ValueError as error:
             advice = "correct its unit in [time], or time_unit"
             raise place.clock_refused(f"has no unit of time: {error}", advice) from error
+        named = contradicted(place.clock.address.partition("[")[0].lower(), unit)
+        if form is None and named is not None and same_dimension(named, "s"):
+            self.notes.append(
+                f"{place.log.path}, column {place.clock.address!r}: read as stamps in {unit}, and"
+                f" its name says {named}; check the unit in [time], or time_unit"
+            )
+        return numbers, seconds
 
     def _timeline(
         self,

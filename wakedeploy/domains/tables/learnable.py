@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wakedeploy.core.episodes import whole_steps
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.units import conversion
@@ -22,7 +23,6 @@ Vector = NDArray[np.float64]
 
 _FEW = 0.005  # the share of labels from which on it is said
 _NEAR = 1e-9  # of the largest number, by which a conversion of units may move it
-_USUAL = 0.95  # the quantile of a column's size in a log: a stray does not count
 _APART = 30.0  # times as large as in other logs; rad and deg are 57 apart, m and mm 1000
 
 
@@ -105,28 +105,40 @@ def _share_alike(pairs: Sequence[tuple[Vector, Vector]], lead: float) -> float:
 
 
 def on_other_sizes(reading: Reading, columns: Columns) -> Iterator[str]:
-    """Remarks on logs in which a column is far larger or smaller than in all others.
+    """Remarks on logs in which a column is far larger or smaller than in the others.
 
-    One log in millimetres among others in metres makes every other a standstill.
+    One log in millimetres among others in metres makes every other a standstill. In another unit
+    the usual value is as far off as the largest; a neighbour that comes near in one log alone
+    moves only that. A force that is small in few logs may be so, where no neighbour is.
     """
     for name, column in columns.with_role("observation", "force").items():
-        sizes = {path: _size(parts, name) for path, parts in reading.pieces.items()}
-        for path, here in sizes.items():
-            others = [size for other, size in sizes.items() if other != path]
-            if not others or not here > 0.0 or not min(others) > 0.0:
+        sizes = {path: _sizes(parts, name) for path, parts in reading.pieces.items()}
+        order = sorted((p for p, size in sizes.items() if size[0] > 0.0), key=lambda p: sizes[p])
+        for k in range(1, len(order)):
+            below, above = order[:k], order[k:]
+            if not all(_are_apart([sizes[p][n] for p in below], [sizes[p][n] for p in above])
+                       for n in (0, 1)):  # fmt: skip
                 continue
-            is_large = here > _APART * max(others)
-            is_small = len(others) > 1 and here * _APART < min(others)
-            if is_large or is_small:
-                unit = reading.units[name]
+            if len(above) > len(below) and "force" in column.roles:
+                continue
+            odd, others = (above, below) if len(above) <= len(below) else (below, above)
+            unit = reading.units[name]
+            for path in odd:
                 yield (
-                    f"{path}, column {column.address!r}: its size is up to {here:.3g} {unit}, in"
-                    f" the other logs {_span(others)} {unit}; check whether it is in another unit"
+                    f"{path}, column {column.address!r}: it goes up to {sizes[path][0]:.3g} {unit},"
+                    f" in other logs to {_span([sizes[p][0] for p in others])} {unit}; check"
+                    " whether it is in another unit"
                 )
 
 
-def _size(parts: Sequence[Recording], name: str) -> float:
-    return float(np.quantile(np.abs(np.concatenate([p.columns[name] for p in parts])), _USUAL))
+def _sizes(parts: Sequence[Recording], name: str) -> tuple[float, float]:
+    """The largest size of a column's values in a log, and the usual one."""
+    values = np.abs(np.concatenate([p.columns[name] for p in parts]))
+    return float(values.max()), float(np.median(values))
+
+
+def _are_apart(below: Sequence[float], above: Sequence[float]) -> bool:
+    return 0.0 < _APART * max(below) < min(above)
 
 
 def _span(sizes: Sequence[float]) -> str:
@@ -137,7 +149,7 @@ def _span(sizes: Sequence[float]) -> str:
 def require_several_samples(columns: Columns, rate_hz: float) -> None:
     """UnusableInput for a window that ends within the newest sample: nothing could remember."""
     window_s = columns.training.window_s
-    if window_s * rate_hz < 1.0:
+    if whole_steps(window_s * rate_hz) < 1:
         raise UnusableInput(
             f"{columns.file}: training.window_s = {window_s:g} is less than the {1.0 / rate_hz:.4g}"
             f" s from sample to sample of these logs, at {rate_hz:g} Hz; check the unit of the"
@@ -145,9 +157,9 @@ def require_several_samples(columns: Columns, rate_hz: float) -> None:
         )
 
 
-def require_no_copies(digests: Mapping[Path, str]) -> None:
+def require_no_copies(digests: Mapping[Path, tuple[str, ...]]) -> None:
     """UnusableInput for a log that is another's copy: it could be learned from and tested on."""
-    seen: dict[str, Path] = {}
+    seen: dict[tuple[str, ...], Path] = {}
     for path, digest in digests.items():
         if digest in seen:
             raise UnusableInput(

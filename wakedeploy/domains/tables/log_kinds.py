@@ -69,18 +69,30 @@ def is_log(path: Path) -> bool:
 
 
 def of_bags(folder: Path) -> UnusableInput | None:
-    """The sentence for a folder that holds bags of ROS; None for any other."""
+    """The sentence for a folder that holds bags of ROS; None for any other.
+
+    Who keeps tables beside them has taken these from the bags, and means them.
+    """
     inside = sorted(folder.iterdir())
+    if any(p.suffix.lower() in _FORMATS and p.suffix.lower() != ".txt" for p in inside):
+        return None
     old = next((p for p in inside if p.suffix.lower() == ".bag" and p.is_file()), None)
     if old is not None:
         return UnusableInput(f"{old}: {_FOREIGN['.bag'].format(old)}.")
-    bags = [p.name for p in inside if p.is_dir() and (is_log(p) or any(p.glob("*.db3")))]
+    bags = [name for p in inside if p.is_dir() and (name := _bag_in(p))]
     if not bags:
         return None
     named = ", ".join(bags[:_NAMED]) + (f" and {len(bags) - _NAMED} more" if bags[_NAMED:] else "")
-    return UnusableInput(
-        f"{folder}: is a folder that holds bags ({named}); give these, {folder / '*'}."
-    )
+    every = "" if any("/" in name for name in bags) else f", {folder}/*/"
+    return UnusableInput(f"{folder}: is a folder that holds bags ({named}); give these{every}.")
+
+
+def _bag_in(folder: Path) -> str:
+    """A folder that is a bag, or its first part where it lacks a metadata.yaml; else nothing."""
+    if is_log(folder):
+        return folder.name
+    part = min((p.name for p in folder.glob("*.db3")), default="")
+    return f"{folder.name}/{part}" if part else ""
 
 
 def _format(path: Path) -> str:

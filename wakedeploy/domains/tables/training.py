@@ -52,7 +52,7 @@ def import_set(
     require_roles(columns)
     reading = read_recordings(paths, columns, progress=progress)
     hashes = {path: dict(_hashes(path)) for path in reading.pieces}
-    require_no_copies({p: found[p.name] for p, found in hashes.items() if p.is_file()})
+    require_no_copies({path: tuple(found.values()) for path, found in hashes.items()})
     rate_hz = _rate_hz(reading)
     require_several_samples(columns, rate_hz)
     found = split_pieces(reading.pieces, columns)

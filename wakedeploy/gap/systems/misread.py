@@ -209,10 +209,12 @@ def _readings(what: str, unit: str) -> list[tuple[str, float]]:
     for other, scale in units:
         said.setdefault(_rounded(scale), []).append(f"{what} is in {other}, and not in {own}")
     for other, scale in units:
+        if other == _GRAVITIES:  # which no columns.toml can say
+            continue
         times = 1.0 / scale
         said.setdefault(_rounded(times), []).append(
-            f"{what} is {times:.4g} times as large, as where columns.toml says {other} of a log "
-            f"in {own}"
+            f"{what} is {times:.4g} times as large as was read, as where columns.toml says {other} "
+            f"of a log in {own}"
         )
     return [(" or ".join(words), scale) for scale, words in said.items()]
 

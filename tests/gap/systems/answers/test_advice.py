@@ -159,7 +159,7 @@ def test_where_no_effect_is_named_what_is_left_stands_on_the_first_screen() -> N
         "What next? If you know a law for what is left on x_m, give it as Port.custom, also one "
         "over several coordinates, and ask again; "
     )
-    assert screen[3].count("Until then use the system as it is.") == 1
+    assert "says how. Until then use the system as it is. How small" in screen[3]
     assert first_screen(result(verdict="none", effects=[]))[0] == (
         "Nothing that matters is missing from the system."
     )

@@ -27,7 +27,7 @@ _SAID_OF_TOPIC = {"name", "type", "serialization_format"}
 
 def open_log(path: Path, csv: Delimited) -> MessageLog:
     """Open a recording of rosbag2."""
-    files = sorted(path.glob("*.mcap")) if path.is_dir() else []
+    files = sorted(path.glob("*.mcap"), key=_as_recorded) if path.is_dir() else []
     if files:
         log = mcap.open_files(path, files)
     else:

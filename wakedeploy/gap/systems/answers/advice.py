@@ -9,6 +9,7 @@ from wakedeploy.gap.systems.answers.importance import whole_percent
 from wakedeploy.gap.wording import listed
 
 _PAGE = "docs/how-to/unknown.md#of-a-system-of-your-own"
+_OWN_EFFECT = "docs/how-to/own-effect.md#an-effect-for-any-system"
 _ALL = (
     f"All ways on are in {_PAGE}: units and samples, constants, kinds, the equations, another log, "
     "half of the log, uneven noise."
@@ -49,7 +50,7 @@ def own_law(answer: Answer) -> str:
     state = _by_share(answer)[0].state
     return (
         f"If you know a law for what is left on {state}, give it as Port.custom, also one over "
-        f"several coordinates, and ask again; {_PAGE} says how."
+        f"several coordinates, and ask again; {_OWN_EFFECT} says how."
     )
 
 

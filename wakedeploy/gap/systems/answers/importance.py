@@ -27,7 +27,9 @@ def importance(result: Result) -> str:
     errors = [f"{name} by {quantity(e.before, e.unit)}" for name, e in result.gap.items()]
     off = f"F{ahead} of blocks kept apart are off: {listed(errors)}"
     if result.verdict == "none":
-        answer = "Of what was tried, nothing does" if result.unexplained else "No"
+        answer = (
+            "Of what was tried, nothing does" if result.unexplained and not result.moved else "No"
+        )
         return f"{answer}. {off}, and no effect makes that clearly smaller.{_beyond_noise(result)}"
     return f"{off}. Whether that is much, you know best."
 

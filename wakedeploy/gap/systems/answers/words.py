@@ -182,22 +182,20 @@ def next_step(result: Result, planned: "Planned | None" = None) -> str:
         )
     if result.verdict == "unknown":
         return unknown_step(result)
-    how_small = "How small an effect these logs would show, `gap power` says."
     use = "Use the system as it is."
-    if result.unexplained:
-        use = f"{own_law(result)} Until then use the system as it is."
     if otherwise := [f"`{name}`" for name in told_otherwise(result)]:
         use = (
             f"State what was fitted for {listed(otherwise)}, which the logs know better, and use "
             "the system."
         )
-        if result.unexplained:
-            use = f"{use} {own_law(result)}"
+    first = []
     if near := nearest(result):
         more = f"Record more of the moments in which {plain(near.name)} would act"
-        until = f"Until then {use[0].lower()}{use[1:]}"
-        return f"{more}, and ask again with that log, too. {until} {how_small}"
-    return f"{use} {how_small}"
+        first.append(f"{more}, and ask again with that log, too.")
+    if result.unexplained:
+        first.append(own_law(result))
+    then = f"Until then {use[0].lower()}{use[1:]}" if first else use
+    return " ".join([*first, then, "How small an effect these logs would show, `gap power` says."])
 
 
 def _nearest(answer: Answer) -> list[str]:

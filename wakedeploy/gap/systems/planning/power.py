@@ -142,7 +142,6 @@ def _of(
         worst,
         detected=max(e.detected for e in each),
         matters=max(e.matters for e in each),
-        largest=min(e.largest for e in each),
     )
 
 
