@@ -187,7 +187,7 @@ def test_a_generated_set_too_small_to_validate_on_is_kept_and_its_trainings_fail
         ("failed", "agile-mlp", seed) for seed in range(2)
     ]
     for row in unfit:
-        assert "short: The 'validation' split of this toy set has no episode" in row["reason"]
+        assert "short: This toy set has no episode in its 'validation' split" in row["reason"]
     assert (report.rows, report.failed, report.waiting, report.begun) == (rows, unfit, 0, 1)
     again = sweep(plan, out, made_of(unvalidated, lines, out))
     assert (again.rows, again.begun, lines(out)) == (rows, 0, rows)
