@@ -127,7 +127,7 @@ def hovered(noise_m):
     return noise.record(SimulatedSite(truth, seed=3), BIASED)
 
 
-@pytest.mark.parametrize("noise_m", [pytest.param(0.002, marks=pytest.mark.slow), 0.0065])
+@pytest.mark.parametrize("noise_m", [0.002, pytest.param(0.0065, marks=pytest.mark.slow)])
 def test_noise_is_found_in_hover(noise_m):
     agrees(noise.estimate(hovered(noise_m), BIASED), "range_sensor.noise_m", noise_m, 0.2 * noise_m)
 
@@ -313,7 +313,7 @@ def stepped(up_s, down_s):
 
 @pytest.mark.whole
 @pytest.mark.parametrize(
-    ("up_s", "down_s"), [pytest.param(0.04, 0.07, marks=pytest.mark.slow), (0.09, 0.14)]
+    ("up_s", "down_s"), [(0.04, 0.07), pytest.param(0.09, 0.14, marks=pytest.mark.slow)]
 )
 def test_spool_finds_both_lags(up_s, down_s):
     found = spool.estimate(stepped(up_s, down_s), RIG)
