@@ -4,6 +4,7 @@ In simulated time, by the loop that flies the rig. A value has to lie within thr
 spreads, and within what is useful.
 """
 
+import functools
 import re
 
 import numpy as np
@@ -122,6 +123,7 @@ def test_range_needs_two_heights_apart_and_within_the_travel(heights_m):
 BIASED = RIG.changed(range_sensor={"bias_m": 0.02})
 
 
+@functools.cache
 def hovered(noise_m):
     truth = RIG.changed(range_sensor={"noise_m": noise_m, "bias_m": 0.02})
     return noise.record(SimulatedSite(truth, seed=3), BIASED)
@@ -306,6 +308,7 @@ def test_a_drive_is_long_enough_and_within_the_limits(distance_m):
         steps_per_metre.require_distance(distance_m, RIG)
 
 
+@functools.cache
 def stepped(up_s, down_s):
     truth = RIG.changed(spool={"sufferer": {"up_s": up_s, "down_s": down_s}})
     return spool.record(SimulatedSite(truth, seed=5), RIG)
