@@ -4,6 +4,7 @@ In simulated time, by the loop that flies the rig. A value has to lie within thr
 spreads, and within what is useful.
 """
 
+import functools
 import re
 
 import numpy as np
@@ -122,12 +123,13 @@ def test_range_needs_two_heights_apart_and_within_the_travel(heights_m):
 BIASED = RIG.changed(range_sensor={"bias_m": 0.02})
 
 
+@functools.cache
 def hovered(noise_m):
     truth = RIG.changed(range_sensor={"noise_m": noise_m, "bias_m": 0.02})
     return noise.record(SimulatedSite(truth, seed=3), BIASED)
 
 
-@pytest.mark.parametrize("noise_m", [pytest.param(0.002, marks=pytest.mark.slow), 0.0065])
+@pytest.mark.parametrize("noise_m", [0.002, pytest.param(0.0065, marks=pytest.mark.slow)])
 def test_noise_is_found_in_hover(noise_m):
     agrees(noise.estimate(hovered(noise_m), BIASED), "range_sensor.noise_m", noise_m, 0.2 * noise_m)
 
@@ -306,6 +308,7 @@ def test_a_drive_is_long_enough_and_within_the_limits(distance_m):
         steps_per_metre.require_distance(distance_m, RIG)
 
 
+@functools.cache
 def stepped(up_s, down_s):
     truth = RIG.changed(spool={"sufferer": {"up_s": up_s, "down_s": down_s}})
     return spool.record(SimulatedSite(truth, seed=5), RIG)
@@ -313,7 +316,7 @@ def stepped(up_s, down_s):
 
 @pytest.mark.whole
 @pytest.mark.parametrize(
-    ("up_s", "down_s"), [pytest.param(0.04, 0.07, marks=pytest.mark.slow), (0.09, 0.14)]
+    ("up_s", "down_s"), [(0.04, 0.07), pytest.param(0.09, 0.14, marks=pytest.mark.slow)]
 )
 def test_spool_finds_both_lags(up_s, down_s):
     found = spool.estimate(stepped(up_s, down_s), RIG)
