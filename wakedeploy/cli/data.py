@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _FIRST = 20  # episodes, notes and facts that the terminal shows
 _ON_COLUMN = re.compile(r"(?P<log>.+?), (?P<column>column .+?): (?P<said>.*)", re.DOTALL)
-_SHARED = 3  # notes of other logs from which on a note stands for all
+_SHARED = 2  # notes of other logs from which on a note stands for all
 _COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance says
 
 
