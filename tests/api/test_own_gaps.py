@@ -70,6 +70,7 @@ def _kind(place: Path) -> type[wd.System]:
 @pytest.mark.whole
 def test_a_system_in_a_file_gets_its_answer(gap: wd.Gap) -> None:
     assert (gap.verdict, gap.effects, gap.classes) == ("named", (NAME,), ())
+    assert gap.result.answered == {NAME: 1.0}  # a friction leaves inputs what they do
     assert repr(gap) == f"<Gap in {gap.folder}: named: {NAME}>"
     assert isinstance(gap.result, Result)
     size = gap.result.effects[0].parameters["coefficient"]

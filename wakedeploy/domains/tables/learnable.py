@@ -115,9 +115,11 @@ def on_other_sizes(reading: Reading, columns: Columns) -> Iterator[str]:
         sizes = {path: _sizes(parts, name) for path, parts in reading.pieces.items()}
         order = sorted((p for p, size in sizes.items() if size[0] > 0.0), key=lambda p: sizes[p])
         for k in range(1, len(order)):
+            if _APART * sizes[order[k - 1]][0] >= sizes[order[k]][0]:
+                continue
             below, above = order[:k], order[k:]
-            if not all(_are_apart([sizes[p][n] for p in below], [sizes[p][n] for p in above])
-                       for n in (0, 1)):  # fmt: skip
+            most, least = max(sizes[p][1] for p in below), min(sizes[p][1] for p in above)
+            if not 0.0 < _APART * most < least:
                 continue
             if len(above) > len(below) and "force" in column.roles:
                 continue
@@ -135,10 +137,6 @@ def _sizes(parts: Sequence[Recording], name: str) -> tuple[float, float]:
     """The largest size of a column's values in a log, and the usual one."""
     values = np.abs(np.concatenate([p.columns[name] for p in parts]))
     return float(values.max()), float(np.median(values))
-
-
-def _are_apart(below: Sequence[float], above: Sequence[float]) -> bool:
-    return 0.0 < _APART * max(below) < min(above)
 
 
 def _span(sizes: Sequence[float]) -> str:
