@@ -153,8 +153,13 @@ def _initial(predictor: Predictor, name: str) -> float | tuple[float, ...]:
 
 
 def _warm_up_steps(predictor: Predictor, config: RunConfig) -> int:
-    """Observations until the memory is full: one, the window's span, or the domain's warm-up."""
-    return config.warm_up_steps if predictor.memory.kind == "state" else _memory(predictor).span
+    """Observations until its force counts, the newest among them.
+
+    One, the window's span, or those before the first that the run's errors are of, and that one.
+    """
+    if predictor.memory.kind == "state":
+        return config.warm_up_steps + 1
+    return _memory(predictor).span
 
 
 def _versions() -> dict[str, str]:

@@ -25,7 +25,7 @@ class Predicting(Protocol):
 
     @property
     def warm_up_steps(self) -> int:
-        """Observations after which the memory is full."""
+        """The step, counted from 1 after a reset, whose force is the first that counts."""
 
     @property
     def lead_s(self) -> float:

@@ -25,7 +25,7 @@ class SteppedPredictor(abc.ABC):
 
     @property
     def warm_up_steps(self) -> int:
-        """Observations after which the memory is full."""
+        """The step, counted from 1 after a reset, whose force is the first that counts."""
         return self.manifest.warm_up_steps
 
     @property

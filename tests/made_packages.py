@@ -11,7 +11,14 @@ from runtime.loop.pilot import OBSERVATION
 from runtime.predictor import PackagePredictor
 from wakedeploy.core import onnx_wire
 from wakedeploy.core.manifest import Manifest
-from wakedeploy.core.package import EXAMPLE_STEPS, MANIFEST_KEY, Example, Package, make_package
+from wakedeploy.core.package import (
+    EXAMPLE_STEPS,
+    MANIFEST_KEY,
+    Example,
+    Package,
+    make_package,
+    sealed,
+)
 
 HEADER = '<ir_version: 10, opset_import: ["" : 20]>'
 BODIES = {
@@ -109,4 +116,4 @@ def with_manifest(model: bytes, **changes: object) -> bytes:
     entries = onnx_wire.metadata(model)
     manifest = json.loads(entries[MANIFEST_KEY]) | changes
     manifest = {key: value for key, value in manifest.items() if value != "absent"}
-    return onnx_wire.with_metadata(model, entries | {MANIFEST_KEY: json.dumps(manifest)})
+    return sealed(model, entries | {MANIFEST_KEY: json.dumps(manifest)})

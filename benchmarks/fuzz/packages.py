@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from benchmarks.fuzz.documents import altered
 from benchmarks.fuzz.text import Mutator, damaged
 from wakedeploy.core import onnx_wire
-from wakedeploy.core.package import EXAMPLE_KEY, MANIFEST_KEY, graph_sha256
+from wakedeploy.core.package import EXAMPLE_KEY, MANIFEST_KEY, graph_sha256, sealed
 
 _NUMBERS = (
     0, 1, 2, 7, 127, 128, 2**31, 2**32, 2**32 + 1, 2**63 - 1, 2**63, 2**64 - 1, 10**12,
@@ -33,12 +33,12 @@ def in_hashed_fields(draw: random.Random, data: bytes, other: bytes) -> bytes:
 
 
 def in_manifest(draw: random.Random, data: bytes, other: bytes) -> bytes:
-    """Other values in the manifest."""
+    """Other values in the manifest, and its hash made to fit."""
     return _with_entry(draw, data, MANIFEST_KEY)
 
 
 def in_example(draw: random.Random, data: bytes, other: bytes) -> bytes:
-    """Other values in the example rollout."""
+    """Other values in the example rollout, and its hash made to fit."""
     return _with_entry(draw, data, EXAMPLE_KEY)
 
 
@@ -86,14 +86,14 @@ def _with_entry(draw: random.Random, data: bytes, key: str) -> bytes:
     """One metadata entry with other values."""
     entries = onnx_wire.metadata(data)
     text = json.dumps(altered(draw, json.loads(entries[key])))
-    return onnx_wire.with_metadata(data, entries | {key: text})
+    return sealed(data, entries | {key: text})
 
 
 def _rehashed(graph: bytes, entries: dict[str, str]) -> bytes:
     """A graph with the metadata of another, whose manifest now states this one's hash."""
     try:
         manifest = json.loads(entries[MANIFEST_KEY]) | {"graph_sha256": graph_sha256(graph)}
-        return onnx_wire.with_metadata(graph, entries | {MANIFEST_KEY: json.dumps(manifest)})
+        return sealed(graph, entries | {MANIFEST_KEY: json.dumps(manifest)})
     except onnx_wire.MalformedModel:
         return graph
 

@@ -317,7 +317,7 @@ def _rounding(folder: CFolder, reference: _Reference, real: Real | None) -> Roun
 def _rmse(forces: Sequence[Wide], real: Real) -> list[float]:
     """The error per channel after the warm-up, of all episodes together."""
     apart = [
-        (force[: len(true)] - true)[real.warm_up :]
+        (force[: len(true)] - true)[real.warm_up - 1 :]
         for force, (_, true) in zip(forces, real.episodes, strict=True)
     ]
     return [float(v) for v in np.sqrt(np.mean(np.concatenate(apart) ** 2, axis=0))]

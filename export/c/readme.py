@@ -28,8 +28,8 @@ float observation[{len(manifest.observation)}], force[{len(manifest.force)}];
 ```
 
 Units and ranges of every channel are in `{name}.h`. The force is that of a moment
-{manifest.lead_s:g} s after the newest observation. Do not use it before {manifest.warm_up_steps}
-steps.
+{manifest.lead_s:g} s after the newest observation. The first that counts is that of step
+{manifest.warm_up_steps}.
 {_filters(model)}
 ## What it takes
 

@@ -36,6 +36,6 @@ def real_samples(data: EpisodeSet, manifest: Manifest) -> Real:
     test = data.part("test")
     pairs = [(e.observation, shift_ahead(e.force, manifest.lead_s, data.rate_hz)) for e in test]
     warm_up = manifest.warm_up_steps
-    scored = tuple(pair for pair in pairs if len(pair[1]) > warm_up)
+    scored = tuple(pair for pair in pairs if len(pair[1]) >= warm_up)
     joined_up = joined(test + data.part("validation") + data.part("train"))
     return Real(joined_up, scored, warm_up, f"the test episodes of the {data.domain} set")

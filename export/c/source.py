@@ -30,12 +30,12 @@ def _memory(manifest: Manifest) -> str:
     steps = manifest.warm_up_steps
     if manifest.memory.kind == "state":
         return f"""\
-   Do not use the force before {steps} steps: its errors were measured from there on. Its state goes
+   Do not use the force before step {steps}: its errors were measured from there on. Its state goes
    on to carry what came before, for ever less.
    An input outside its range gives a force that means nothing; one that is not finite stays in the
    state: leave it out, or call reset."""
     return f"""\
-   Before {steps} steps its memory is not full: do not use the force.
+   Before step {steps} its memory is not full: do not use the force.
    An input that is not finite, or outside its range, gives a force that means nothing."""
 
 

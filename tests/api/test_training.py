@@ -13,6 +13,7 @@ from small_tune import wakedeploy as command
 
 import wakedeploy as wd
 from runtime.compiled.folder import read_c_folder
+from trainers.trained_run import TrainedRun
 from trainers.training.predict import predict
 from trainers.training.tape import lay_tape
 from wakedeploy.core.package import read_package
@@ -183,6 +184,17 @@ def test_an_exported_run_predicts_what_it_did_in_training(runs: wd.Runs, session
     trained = predict(runs["history-mlp"].predictor, tape).numpy()
     np.testing.assert_allclose(made.predict(episode.observation), trained, rtol=1e-4, atol=1e-7)
     assert wd.load(session / "made.onnx").manifest == made.manifest
+    _has_the_errors_of_its_run(made, runs["history-mlp"], data)
+
+
+def _has_the_errors_of_its_run(made: wd.Predictor, run: TrainedRun, data: wd.EpisodeSet) -> None:
+    """Both from the first step on that the package says counts."""
+    (episode,) = data.part("test")
+    counts = slice(made.manifest.warm_up_steps - 1, None)
+    off = (made.predict(episode.observation) - episode.force)[counts].astype(float)
+    row = wd.evaluate(run, data).rows[0]
+    assert row.episodes[0].samples == len(off)
+    assert row.rmse["f_n"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-4)
 
 
 @pytest.mark.whole
@@ -190,6 +202,7 @@ def test_a_run_predicts_and_draws_as_its_package_does(runs: wd.Runs, session: Pa
     data, run = echo(), runs["gru"]
     package = wd.export(run, session / "same.onnx", data=data)
     (episode,) = data.part("test")
+    _has_the_errors_of_its_run(package, run, data)
     series = np.stack([episode.observation[:90], episode.observation[100:190]])
     for given in (episode.observation, series, series.tolist()):
         forces = run.predict(given)

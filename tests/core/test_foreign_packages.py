@@ -68,7 +68,7 @@ def test_a_hostile_graph_is_refused_and_named(name):
         ("none", {"trainable": 100_000}, "trainable"),
         ("none", {"frozen": HUGE}, "frozen"),
         ("none", {"seed": 10**30}, "seed"),
-        ("none", {"schema": 1}, "made by an older release (manifest schema '1'"),
+        ("none", {"schema": 2}, "made by an older release (manifest schema '2'"),
         ("none", {"arch": "x" * 10_000}, "arch"),
         ("none", {"domain": "\x1b[2J"}, "domain"),
         ("none", {"hyper": {"a": {"b": 1}}}, "hyper.a"),

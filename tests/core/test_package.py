@@ -20,6 +20,7 @@ from wakedeploy.core.package import (
     make_package,
     package_from_bytes,
     read_package,
+    sealed,
     write_package,
 )
 
@@ -77,7 +78,7 @@ def altered(tiny_package, kind: str = "state") -> dict[str, tuple[bytes, str]]:
         "empty": (b"", "not an ONNX model"),
         "text": (b"# a README, not a model\n", "not an ONNX model"),
         "foreign": (onnx_wire.without_metadata(model), "without a wakedeploy manifest"),
-        "newer": (with_manifest(model, schema=3), "newer release"),
+        "newer": (with_manifest(model, schema=4), "newer release"),
         "no schema": (with_manifest(model, schema="absent"), "no schema version"),
         "no rate": (with_manifest(model, rate_hz="absent"), "rate_hz"),
         "bad rate": (with_manifest(model, rate_hz=-1), "rate_hz"),
@@ -91,13 +92,13 @@ def altered(tiny_package, kind: str = "state") -> dict[str, tuple[bytes, str]]:
             "graph gives",
         ),
         "other hash": (with_manifest(model, graph_sha256="1" * 64), "damaged or altered"),
-        "no example": (onnx_wire.with_metadata(model, no_example), "example rollout"),
+        "no example": (sealed(model, no_example), "example rollout"),
         "bad example": (
-            onnx_wire.with_metadata(model, no_example | {EXAMPLE_KEY: "{}"}),
+            sealed(model, no_example | {EXAMPLE_KEY: "{}"}),
             "example",
         ),
         "long example": (
-            onnx_wire.with_metadata(model, no_example | {EXAMPLE_KEY: long_example.to_json()}),
+            sealed(model, no_example | {EXAMPLE_KEY: long_example.to_json()}),
             "do not fit its channels",
         ),
     }
@@ -126,6 +127,35 @@ def test_a_changed_weight_is_noticed(tiny_package):
     weights.raw_data = b"\x01" + weights.raw_data[1:]
     with pytest.raises(UnusableInput, match="damaged or altered"):
         package_from_bytes(model.SerializeToString(), "p.onnx")
+
+
+@pytest.mark.parametrize(
+    ("said", "instead"),
+    [
+        ('"unit":"N"', '"unit":"mN"'),
+        ('"lead_s":0.09', '"lead_s":0.5'),
+        ('"name":"dx_m","unit":"m","min":-1.0', '"name":"dx_m","unit":"m","min":-9.0'),
+    ],
+)
+def test_a_changed_description_is_noticed(tiny_package, said, instead):
+    model = tiny_package("window").model_bytes
+    entries = onnx_wire.metadata(model)
+    manifest = entries[MANIFEST_KEY].replace(said, instead, 1)
+    assert manifest != entries[MANIFEST_KEY]
+    changed = onnx_wire.with_metadata(model, entries | {MANIFEST_KEY: manifest})
+    with pytest.raises(UnusableInput, match="manifest and example rollout differs"):
+        package_from_bytes(changed, "p.onnx")
+    assert package_from_bytes(sealed(model, entries | {MANIFEST_KEY: manifest}), "p.onnx")
+
+
+def test_a_changed_example_is_noticed(tiny_package):
+    model = tiny_package("state").model_bytes
+    entries = onnx_wire.metadata(model)
+    example = Example.from_json(entries[EXAMPLE_KEY])
+    example.force[7] = np.nextafter(example.force[7], np.float32(1))
+    changed = onnx_wire.with_metadata(model, entries | {EXAMPLE_KEY: example.to_json()})
+    with pytest.raises(UnusableInput, match="manifest and example rollout differs"):
+        package_from_bytes(changed, "p.onnx")
 
 
 def test_a_fixed_batch_axis_is_refused(tiny_package):

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from made_packages import with_manifest
 
 pytest.importorskip("torch")
 
 from wakedeploy.cli import main
-from wakedeploy.core import onnx_wire
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.core.package import MANIFEST_KEY, read_package
+from wakedeploy.core.package import read_package
 
 pytestmark = pytest.mark.whole
 
@@ -191,12 +191,8 @@ def test_an_unusable_file_exits_2_and_overwrites_an_older_verdict(
 def test_a_package_whose_recorded_parity_is_too_weak_exits_1(
     exported: Path, tmp_path: Path, change: dict[str, float], reason: str
 ) -> None:
-    model = exported.read_bytes()
-    entries = onnx_wire.metadata(model)
-    manifest = json.loads(entries[MANIFEST_KEY])
-    manifest["parity"] |= change
-    weak = onnx_wire.with_metadata(model, entries | {MANIFEST_KEY: json.dumps(manifest)})
-    (tmp_path / "weak.onnx").write_bytes(weak)
+    parity = read_package(exported).manifest.parity.model_dump() | change
+    (tmp_path / "weak.onnx").write_bytes(with_manifest(exported.read_bytes(), parity=parity))
     done = wakedeploy("check", tmp_path / "weak.onnx", "--json", tmp_path / "check.json")
     assert done.exit_code == 1
     assert reason in done.stderr

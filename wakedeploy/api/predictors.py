@@ -37,7 +37,7 @@ class Predictor:
 
     `predict` takes whole series (T, d) from a cold start; `step` goes on from call to call, one
     observation (d,) at a time, until `reset`. Forces are those `lead_s` seconds ahead of the newest
-    observation, float32. Before `manifest.warm_up_steps` observations they do not count. Raises
+    observation, float32. The first that counts is that of step `manifest.warm_up_steps`. Raises
     UnusableInput for another shape, CheckFailed where onnxruntime gives up.
     """
 
@@ -133,7 +133,7 @@ class Predictor:
               for c in m.observation),
             *(["predicts", f"{c.name} [{c.unit}]", f"{m.lead_s:g} s ahead{self._error(c.name)}"]
               for c in m.force),
-            ["rate", f"{m.rate_hz:g} Hz", f"used after {m.warm_up_steps} steps"],
+            ["rate", f"{m.rate_hz:g} Hz", f"used from step {m.warm_up_steps} on"],
         ]  # fmt: skip
         title = f"{self.path}: {m.arch}, {m.trainable:,} trainable parameters"
         return html_table(title, ["", "", ""], rows)

@@ -152,7 +152,7 @@ def _tell(package: "Package", path: Path) -> None:
     window = f", {memory.k} snapshots" if memory.kind == "window" else ""
     rows = [
         ["parameters", f"{manifest.trainable:,} trainable, {manifest.frozen:,} frozen"],
-        ["memory", f"{memory.kind}{window}, used after {manifest.warm_up_steps} steps"],
+        ["memory", f"{memory.kind}{window}, used from step {manifest.warm_up_steps} on"],
         ["rate, lead", f"{manifest.rate_hz:g} Hz, {manifest.lead_s:g} s"],
         *(
             [f"{c.name} in training", f"{c.min + 0.0:.3g} to {c.max + 0.0:.3g} {c.unit}"]

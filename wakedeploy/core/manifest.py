@@ -21,7 +21,7 @@ from pydantic import (
     model_validator,
 )
 
-SCHEMA = 2
+SCHEMA = 3
 PARAMETER_BUDGET = 100_000  # trainable weights must stay below this (paper, § Model Architectures)
 PARITY_STEPS = 3200
 PARITY_LIMIT = 1e-5

@@ -1,11 +1,12 @@
 """The contract between export and runtime: one .onnx file and what it declares about itself.
 
-Two metadata entries travel in the file: the manifest, and an example rollout that a machine
-without torch can replay. Neither reading nor writing them needs the onnx package.
+Three metadata entries travel in the file: the manifest, an example rollout that a machine without
+torch can replay, and a hash over these two. Reading and writing them needs no onnx package.
 """
 
 import base64
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +33,7 @@ from wakedeploy.core.validation import first_problem
 
 MANIFEST_KEY = "wakedeploy_manifest"
 EXAMPLE_KEY = "wakedeploy_example"
+SHA256_KEY = "wakedeploy_sha256"  # of the two others; the manifest has the graph's
 EXAMPLE_STEPS = 512
 MOST_BYTES = 1 << 26  # of a file: 64 MiB, a reservoir of 4,000 neurons
 _ROUNDING = 1e-6  # of a bound, in float32
@@ -102,7 +104,18 @@ def make_package(model: bytes, manifest: Manifest, example: Example) -> Package:
         MANIFEST_KEY: manifest.model_dump_json(by_alias=True),
         EXAMPLE_KEY: example.to_json(),
     }
-    return Package(manifest, onnx_wire.with_metadata(model, entries), example)
+    return Package(manifest, sealed(model, entries), example)
+
+
+def sealed(model: bytes, entries: Mapping[str, str]) -> bytes:
+    """The model with these metadata entries, and with the hash over manifest and example."""
+    entries = {**entries, SHA256_KEY: _metadata_sha256(entries)}
+    return onnx_wire.with_metadata(model, entries)
+
+
+def _metadata_sha256(entries: Mapping[str, str]) -> str:
+    texts = (entries.get(key, "") for key in (MANIFEST_KEY, EXAMPLE_KEY))
+    return sha256_of("\0".join(texts).encode())
 
 
 def write_package(package: Package, path: Path) -> None:
@@ -161,6 +174,7 @@ def _manifest(entries: dict[str, str], name: str) -> Manifest:
             " `wakedeploy export`"
         )
     _require_known_schema(entries[MANIFEST_KEY], name)
+    _require_own_metadata(entries, name)
     try:
         return Manifest.model_validate_json(entries[MANIFEST_KEY])
     except ValidationError as error:
@@ -185,6 +199,16 @@ def _require_known_schema(text: str, name: str) -> None:
         raise UnusableInput(
             f"{name}: made by an older release (manifest schema {quoted(str(schema))}, this one"
             f" reads {SCHEMA}); export its run again with `wakedeploy export`"
+        )
+
+
+def _require_own_metadata(entries: Mapping[str, str], name: str) -> None:
+    """Refuse a manifest or an example that somebody or something changed after the export."""
+    if entries.get(SHA256_KEY) != _metadata_sha256(entries):
+        raise UnusableInput(
+            f"{name}: the sha256 of its manifest and example rollout differs from the stated one,"
+            " so they were damaged or altered; copy it again or make it again with `wakedeploy"
+            " export`"
         )
 
 

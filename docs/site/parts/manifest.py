@@ -26,8 +26,8 @@ MEANINGS = {
     "observation": "the inputs in their order: name, unit, range in training, how filtered",
     "force": "the outputs in their order: name, unit, range in training",
     "memory": "what it remembers from step to step",
-    "warm_up_steps": "steps from a cold start before its force counts: until its window is full, "
-    "or, of a memory that is carried on, those that its errors leave out",
+    "warm_up_steps": "the step from a cold start, counted from 1, whose force is the first that "
+    "counts: its window is full, or, of a memory that is carried on, its errors begin there",
     "trainable": "trained weights",
     "frozen": "weights that stayed as they were drawn, as a reservoir's",
     "data_sha256": "the hash of the episode set",
