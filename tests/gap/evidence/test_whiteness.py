@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from wakedeploy.gap.evidence.fits import Fit, Score, Slopes
 from wakedeploy.gap.evidence.whiteness import LAGS, REFERENCE_SAMPLES, samples, spectrum, whiteness
+from wakedeploy.gap.search.artefacts import White
 
 
 def fit_that_leaves(series, variance: float = 4.0) -> Fit:
@@ -52,6 +53,14 @@ def test_coloured_noise_is_rejected(keep: float) -> None:
         assert found.p_value < 1e-3
         assert found.autocorrelation[0] == pytest.approx(keep, abs=0.12)
         assert found.autocorrelation[1] == pytest.approx(keep**2, abs=0.15)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.3, -0.5, 0.8])
+def test_the_past_foretells_the_share_that_a_first_order_process_keeps(keep: float) -> None:
+    """Of x' = φ x + √(1 − φ²) e the next value's variance is φ² by the last one's."""
+    series = [w for seed in range(4) for w in coloured(seed, keep)]
+    (share,) = White(**whiteness(fit_that_leaves(series)).as_json()).foretold()
+    assert share == pytest.approx(keep**2, abs=0.03)
 
 
 def test_correlations_do_not_reach_from_one_flight_into_the_next() -> None:

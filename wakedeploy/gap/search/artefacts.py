@@ -270,6 +270,15 @@ class White(Part):
         """The autocorrelation of each channel."""
         return self.by_channel or [self.autocorrelation]
 
+    def foretold(self) -> list[float]:
+        """The share of each channel's variance that its past foretells, 0 to 1.
+
+        As of a first-order process, whose squared autocorrelations φ² + φ⁴ + … sum to φ²/(1 − φ²);
+        less the sum that white noise has.
+        """
+        sums = [sum(r * r for r in row) - len(row) / self.samples for row in self.rows]
+        return [max(each, 0.0) / (1.0 + max(each, 0.0)) for each in sums]
+
 
 class WhitePair(Part):
     """How white the innovations are: of the baseline, and with what was found."""

@@ -3,6 +3,8 @@
 In: a `Result`. Out: sentences.
 """
 
+import math
+
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer, Effect, Ranked, Result
 from wakedeploy.gap.search.outcome import CHANCE
@@ -14,7 +16,6 @@ from wakedeploy.gap.wording import counted, listed, spoken
 
 _MEANT = (0.0, -1.0, 1.0)  # bounds: no effect, and all of an input
 _UNEVEN = 2.0  # times what even noise brings
-_MORE_IS_LEFT = "What is left is still more than noise: something else may be missing, too."
 
 
 def certainty(result: Result) -> str:
@@ -88,7 +89,19 @@ def _rest(result: Result) -> str:
             f"Something else acts, too: a push on {push.state} of {whole_percent(push.share)} of "
             "its usual rate is left, which no effect that was tried explains."
         )
-    return "" if result.white.after.passes else _MORE_IS_LEFT
+    return "" if result.white.after.passes else _more_than_noise(result)
+
+
+def _more_than_noise(result: Result) -> str:
+    """Of which output something is left that forecasts could still gain by; "" for a trifle."""
+    foretold = dict(zip(result.gap, result.white.after.foretold(), strict=False))
+    name, share = max(foretold.items(), key=lambda item: item[1])
+    if 1.0 - math.sqrt(1.0 - share) <= RULES.error_trifle:
+        return ""
+    return (
+        f"What is left of {name} is more than noise: its past foretells {whole_percent(share)} of "
+        "it, so something else may be missing, too."
+    )
 
 
 def _curved(result: Result) -> str:
