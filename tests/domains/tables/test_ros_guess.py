@@ -69,6 +69,27 @@ def test_what_is_left_out_is_read_all_the_same(guessed) -> None:
     assert not np.any(recording.columns["c"])
 
 
+@pytest.mark.parametrize(
+    ("column", "unit", "doubt"),
+    [
+        ("/cmd_vel.linear.x", "rad/s", "read as rad/s, and the log says m/s; check `unit`"),
+        ("/odom.twist.twist.angular.z", "deg/s", "read as deg/s, and the log says rad/s; check"),
+        ("/odom.pose.pose.position.x", "mm", "read as mm, and the log says m; check `unit`"),
+        ("/odom.twist.twist.linear.x", "m/s", ""),
+        ("/imu.orientation.z", "1", ""),
+        ("/joints.position[0]", "deg", ""),
+    ],
+)
+def test_a_unit_that_ros_fixes_is_not_contradicted_in_silence(
+    guessed, column: str, unit: str, doubt: str
+) -> None:
+    text = f'version = 1\n[columns.it]\ncolumn = "{column}"\nrole = "output"\nunit = "{unit}"\n'
+    notes = read_recordings([guessed[0]], parse_columns(text)).notes
+    doubts = [note for note in notes if "check `unit`" in note]
+    assert len(doubts) == bool(doubt)
+    assert not doubt or f"column '{column}': {doubt}" in doubts[0]
+
+
 def rover_bag(path: Path) -> Path:
     """Ten seconds of a rover that turns."""
     from rosbags.rosbag2 import Writer

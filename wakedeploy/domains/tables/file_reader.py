@@ -23,6 +23,7 @@ from wakedeploy.domains.tables.diagnosis import (
     require_likely_rate,
 )
 from wakedeploy.domains.tables.formats.delimited import DelimitedLog
+from wakedeploy.domains.tables.formats.messages import MessageLog
 from wakedeploy.domains.tables.log import Clock, Log, Values, require_size
 from wakedeploy.domains.tables.log_kinds import is_log, of_bags, open_log
 from wakedeploy.domains.tables.orientation import angle_of
@@ -96,14 +97,12 @@ class FileReader:
     # --- what stands where
 
     def _doubted_units(self, places: Mapping[str, Place]) -> Iterator[str]:
-        """Columns that a table states in another unit beside its numbers, or a name does."""
-        stated: dict[int, dict[str, str | None]] = {}
+        """Columns that their log states in another unit, or a name does."""
+        stated: dict[int, Mapping[str, str | None]] = {}
         for name, place in places.items():
             units = stated.get(id(place.log))
             if units is None:
-                is_table = place.log.clock_of(place.addresses[0]) is None
-                units = {f.name: f.unit for f in place.log.fields()} if is_table else {}
-                stated[id(place.log)] = units
+                units = stated[id(place.log)] = _stated_units(place.log)
             address = place.address
             unit = units.get(address, units.get(address.lstrip("/")))  # HDF5 has both spellings
             if said := self.wanted[name].doubt(unit):
@@ -487,6 +486,13 @@ def _at_a_reading(series: Sequence[Series], start_s: float, tick_s: float) -> fl
     after_s = np.empty(0) if stamps_s is None else stamps_s[stamps_s >= start_s]
     is_soon = len(after_s) > 0 and after_s[0] < start_s + tick_s
     return float(after_s[0]) if is_soon else start_s
+
+
+def _stated_units(log: Log) -> Mapping[str, str | None]:
+    """By address what a log says of its columns: beside their numbers, or by a message's type."""
+    if isinstance(log, MessageLog):
+        return log.fixed_units
+    return {field.name: field.unit for field in log.fields()}
 
 
 def _samples(series: Sequence[Series]) -> int:

@@ -47,6 +47,7 @@ class MessageLog:
         self, path: Path, topics: Collection[str], stream: Callable[[], Iterable[Message]]
     ) -> None:
         self.path, self.notes = path, list[str]()
+        self.fixed_units: dict[str, str] = {}  # of what was read, by address
         self._topics = sorted(topics, key=len, reverse=True)
         self._stream = stream
 
@@ -113,6 +114,8 @@ class MessageLog:
                 there = [f"{message.topic}.{number.name}" for number in _numbers(fields)]
                 refusal = missing(self.path, address, there)
                 raise UnusableInput(f"{refusal} ({place})") from error
+            if not found[address] and (unit := _unit_at(fields, steps)) is not None:
+                self.fixed_units[address] = unit
             found[address].append(_stamp(value) if address in stamps else value)
 
     def _column(self, address: str, values: list[Any], is_stamp: bool) -> Values:
@@ -163,15 +166,28 @@ def _steps(path: Path, address: str, way: str) -> Steps:
 
 def _at(fields: Any, steps: Steps) -> Any:
     for step in steps:
-        if isinstance(step, int) or isinstance(fields, Mapping):
-            fields = fields[step]
-        elif step.startswith("_"):
-            raise KeyError(step)
-        else:
-            fields = getattr(fields, step)
+        fields = _part(fields, step)
     if isinstance(fields, np.ndarray) and fields.ndim:
         raise TypeError("a whole vector")
     return fields
+
+
+def _part(fields: Any, step: str | int) -> Any:
+    if isinstance(step, int) or isinstance(fields, Mapping):
+        return fields[step]
+    if step.startswith("_"):
+        raise KeyError(step)
+    return getattr(fields, step)
+
+
+def _unit_at(fields: Any, steps: Steps) -> str | None:
+    """The unit that the types of the messages on a way fix; None where they fix none."""
+    unit = None
+    for step in steps:
+        if isinstance(step, str) and not isinstance(fields, Mapping):
+            unit = unit_of(str(getattr(fields, "__msgtype__", "")), step) or unit
+        fields = _part(fields, step)
+    return unit
 
 
 def _stamp(value: Any) -> Any:
