@@ -57,6 +57,17 @@ def test_a_bag_without_its_description_is_one_in_a_folder_of_bags(tmp_path: Path
     assert all("holds bags (run/run_0.db3); give these." in said for said in told(tmp_path))
 
 
+@pytest.mark.parametrize("description", ["", "compression_mode: FILE\n"])
+def test_a_compressed_bag_is_to_be_unpacked_whatever_its_description(
+    tmp_path: Path, description: str
+) -> None:
+    (tmp_path / "metadata.yaml").write_text(description)
+    (tmp_path / "run_0.db3.zstd").write_bytes(b"\x28\xb5\x2f\xfd")
+    assert all("is a compressed rosbag2; unpack it" in said for said in told(tmp_path))
+    file = tmp_path / "run_0.db3.zstd"
+    assert all(f"is compressed; unpack it by zstd -d {file}" in said for said in told(file))
+
+
 def test_who_keeps_tables_beside_bags_means_these(tmp_path: Path) -> None:
     (tmp_path / "raw.bag").write_bytes(b"#ROSBAG V2.0\n\x45\x00\x00\x00")
     (tmp_path / "imu.csv").write_text("t,q\n0.0,1.0\n0.1,2.0\n0.2,2.5\n")

@@ -37,6 +37,8 @@ _FOREIGN = {  # what people have besides, by how a name ends, and what to do
     ".pickle": "is a pickle, which is a program; write CSV, as by DataFrame.to_csv(…)",
     ".feather": "is Feather; write Parquet, as by pandas.read_feather(…).to_parquet(…)",
     ".bin": "is a log of its own kind; convert it with the program that wrote it, to CSV",
+    ".zstd": "is compressed; unpack it by zstd -d {}, or record bags without compression",
+    ".zst": "is compressed; unpack it by zstd -d {}",
     ".tlog": "is a log of MAVLink; convert it, as by mavlogdump.py --format csv",
 }  # fmt: skip
 _DATAFLASH = (b"FMT, ", b"\xa3\x95")  # as ArduPilot begins its logs, as text and as bytes

@@ -111,7 +111,7 @@ def _refuse_compressed(path: Path) -> None:
         return  # nobody can see it there
     except (OSError, ValueError) as error:
         raise unreadable(description, error) from error
-    if _COMPRESSED.search(text):
+    if _COMPRESSED.search(text) or (path.is_dir() and any(path.glob("*.zstd"))):
         raise UnusableInput(
             f"{path}: is a compressed rosbag2; unpack it with `ros2 bag convert`, or record MCAP."
         )
