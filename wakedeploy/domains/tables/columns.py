@@ -123,6 +123,8 @@ class Delimited(_Table):
     """What parts the thousands of a number, as in 1,234.5."""
     units_in_cells: bool = False
     """Whether numbers have a unit behind them, as in 0.02 sec, one all through a column."""
+    names_in_cells: bool = False
+    """Whether each number has its name before it, as in angle:1.5 or angle=1.5."""
     header: bool = True
     """Without a header columns are called #1, #2 and so on; with one these names work, too."""
     units_row: bool = False

@@ -42,6 +42,7 @@ from wakedeploy.domains.tables.formats.cells import (
     thousands_mark,
     written,
 )
+from wakedeploy.domains.tables.formats.named_cells import before_names, lines_before, named_rows
 from wakedeploy.domains.tables.log import (
     MOST_BYTES,
     Clock,
@@ -93,8 +94,13 @@ class DelimitedLog:
         first = next(rows, None)
         if first is None:
             raise UnusableInput(f"{path}: is empty; give a log with a header and rows.")
-        _, cells = first
+        line, cells = first
         self.first: Row = cells
+        if form.names_in_cells and (before := before_names(self.line(line))):
+            self.notes.append(
+                f"{path}: what stands before the first name of a line, as {before[:40]!r}, is left "
+                "out"
+            )
         named = [cell.strip() for cell in cells] if form.header else [""] * len(cells)
         self._names = [name or f"#{i}" for i, name in enumerate(named, 1)]
         units = next(rows, (0, []))[1] if form.header and form.units_row else []
@@ -181,6 +187,11 @@ class DelimitedLog:
         except UnusableInput as error:
             return error
         return None
+
+    def named_cells_begin(self) -> int | None:
+        """Lines before the first whose numbers have their names before them; None for none."""
+        with opened(self.path, self._form.encoding) as file:
+            return lines_before(self._from_header(self._text_lines(file)))
 
     def line(self, number: int) -> str:
         """A line of the text, the first of which is 1, without its end."""
@@ -277,8 +288,11 @@ class DelimitedLog:
         """Each row with the number of its line; the first one shows the delimiter."""
         try:
             with opened(self.path, self._form.encoding) as file:
-                parsed = self._parsed(self._from_header(self._text_lines(file)))
-                yield from self._evened(parsed)
+                lines = self._from_header(self._text_lines(file))
+                if self._form.names_in_cells:
+                    yield from named_rows(self.path, lines)
+                else:
+                    yield from self._evened(self._parsed(lines))
         except UnicodeError as error:
             seen = seen_encoding(self.path)
             is_same = seen.removesuffix("-sig") == self._form.encoding.removesuffix("-sig")

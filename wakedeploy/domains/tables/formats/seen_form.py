@@ -58,6 +58,8 @@ def seen_form(path: Path) -> Delimited:
 def _seen_in_rows(path: Path, form: Delimited) -> Delimited:
     """The form, with what stands before the table, its header, its units and its decimals."""
     log = DelimitedLog(path, form)
+    if (begin := log.named_cells_begin()) is not None:
+        return form.model_copy(update={"names_in_cells": True, "skip_rows": begin})
     rows = list(itertools.islice(log.rows(), _LOOKED_AT))
     if rows and not _is_table(log.first, rows):
         form = form.model_copy(update={"skip_rows": _lines_before(log.first_lines())})
