@@ -138,7 +138,7 @@ def take(
     *,
     report: bool = True,
     plan: bool = True,
-    only: str | None = None,
+    only: Sequence[str] = (),
 ) -> Taken:
     """The steps up to one, in a folder; what has run there for the same is not repeated."""
     progress("reading the logs")

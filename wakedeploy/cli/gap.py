@@ -166,7 +166,7 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
                 columns,
                 given["out"],
                 given["json_path"],
-                given.get("only"),
+                given.get("only", ()),
             )
         except KeyboardInterrupt:
             click.echo(f"The same command: {same_command()}", err=True)
@@ -280,8 +280,9 @@ def _gain_of(named: "Name", searched: "Round") -> str:
 @click.option(
     "--effect",
     "only",
+    multiple=True,
     shell_complete=EFFECT.shell_complete,
-    help="Add this effect of the ranking, as one member of a class.",
+    help="Add this effect of the ranking, as one member of a class; of a system several, too.",
 )
 @click.option("--from-symbolic", is_flag=True, help="Add the expression of an unknown effect.")
 def add_effect(
@@ -290,7 +291,7 @@ def add_effect(
     out: Path,
     workers: int,
     json_path: Path | None,
-    only: str | None,
+    only: tuple[str, ...],
     from_symbolic: bool,
 ) -> None:
     """Write the corrected rig file, OUT/rig.toml; the old one stays. Of a system, correction.toml.
@@ -307,12 +308,13 @@ def add_effect(
     from wakedeploy.gap.systems.gantry.find_name_add_show import add
     from wakedeploy.gap.systems.gantry.folder import read_steps
 
-    if from_symbolic and only is not None:
+    if from_symbolic and only:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
-    if only is not None:
-        only = EFFECT.convert(only, None, click.get_current_context())
+    if len(only) > 1:
+        raise click.UsageError("Into a rig file one --effect goes at a time; give one.")
+    effect = EFFECT.convert(only[0], None, click.get_current_context()) if only else None
     case = _case(rig_path, measured, out, workers)
-    added = add(case, out, from_symbolic=from_symbolic, only=only)
+    added = add(case, out, from_symbolic=from_symbolic, only=effect)
     names = ", ".join(effect.name for effect in added.effects)
     click.echo(f"Wrote {out / 'rig.toml'} with {names}.")
     if doubt := caution(read_steps(out).flights):

@@ -180,7 +180,7 @@ def run_steps(
     columns: Path | None,
     out: Path,
     json_path: Path | None,
-    only: str | None = None,
+    only: tuple[str, ...] = (),
 ) -> None:
     """`find`, `name`, `add`, `show` or `close` of a user's system, into a folder."""
     from wakedeploy.api.gaps import close_gap
@@ -209,18 +209,17 @@ def run_steps(
         write_json(json_path, taken.told.as_json())
 
 
-def _tell(taken: "Taken", out: Path, only: str | None, *, is_added: bool) -> None:
+def _tell(taken: "Taken", out: Path, only: tuple[str, ...], *, is_added: bool) -> None:
     """Print what a step said, the files that it left, and what may follow."""
     from wakedeploy.gap.search.artefacts import Answer, Result
     from wakedeploy.gap.systems.answers.folder import correction_told, planned_in
-    from wakedeploy.gap.systems.answers.words import sentences
+    from wakedeploy.gap.systems.answers.words import added_sentences, sentences
 
     artefact = taken.told
     planned = planned_in(out, artefact) if isinstance(artefact, Result) else None
-    for sentence in sentences(artefact, planned):
+    said = added_sentences(artefact, only) if only else sentences(artefact, planned)
+    for sentence in said:
         click.echo(sentence)
-    if only is not None:
-        click.echo(f"Added as you asked: {only}, beside what is sure.")
     if is_added:
         assert isinstance(artefact, Answer)
         click.echo(correction_told(out))

@@ -47,7 +47,9 @@ class Rules:
             unknown, whatever it follows: the model then knows less than two thirds of what acts.
         surely_share: An effect that surely removes more than this share of the squared error is
             named, also where forecasts that ask no model are better than those with it.
-        most_effects: More than these are not named in one answer.
+        most_effects: More than these are not named in one answer. A kind at several ports alike
+            counts once: a robot with four motors has four lags.
+        most_named: Nor more than these, however alike.
         readings_ahead: Of a forecast's readings, those that are looked at where a system is asked
             to predict far ahead.
         far_less: An effect with which inputs do no more than this share of what the system says is
@@ -106,6 +108,7 @@ class Rules:
     unknown_push: float = 0.5
     surely_share: float = 0.5
     most_effects: int = 4
+    most_named: int = 8
     readings_ahead: int = 6
     far_less: float = 2.0 / 3.0
     interval_quantile: float = 0.95

@@ -150,13 +150,13 @@ def test_kinds_are_asked_at_ports_alike_that_gain_nothing_at_one_alone(
             leads.append(lead) or doing_alike(model, found, lead, sets)
         ),
     )
-    best = twins(model, base, verdicts, needed, most_effects=4)[0]
+    best = twins(model, base, verdicts, needed, most=4)[0]
     assert best.names == ("lag@right_v", "lag@left_v")  # the one that gains most is the first
     assert best.first.candidate.name == "lag@right_v"
     assert [len(lead.hypothesis) for lead in leads] == [len(gaining)]
     for name in best.names:
         assert best.candidate.fit.value(f"{name}.tau_s") == pytest.approx(0.08, abs=0.01)
-    assert not twins(model, base, verdicts, dict.fromkeys(needed, 1e3), most_effects=4)
+    assert not twins(model, base, verdicts, dict.fromkeys(needed, 1e3), most=4)
     without = [v for v in verdicts if v.candidate.name != "lag@left_v"]  # withdrawn there
     assert all(
         "lag" not in name for t in twins(model, base, without, needed, 4) for name in t.names

@@ -24,6 +24,21 @@ _MOST = 3  # kinds that are fitted as they gain at each port, and as they do wha
 _NOT_BEHIND = 0.5  # share of the lead's gain with which one has not fallen behind in a race
 
 
+def distinct(model: Comparison, names: Sequence[str]) -> int:
+    """How many effects there are, where a kind at ports alike counts once."""
+    seen: list[str] = []
+    for name in names:
+        if not set(model.ports_alike(name)) & set(seen):
+            seen.append(name)
+    return len(seen)
+
+
+def room_for(model: Comparison, names: Sequence[str], kinds: int = 1) -> int:
+    """How many more effects an answer may name beside these, if `kinds` of them may be others."""
+    is_full = distinct(model, names) + kinds > RULES.most_effects
+    return 0 if is_full else max(RULES.most_named - len(names), 0)
+
+
 @dataclass(frozen=True, eq=False)
 class Twins:
     """A kind at all ports alike: its `names`, the fit as one candidate, and the `first` of them.
@@ -42,20 +57,20 @@ def twins(
     found: Fit,
     verdicts: Sequence[Verdict],
     needed: Mapping[str, float],
-    most_effects: int,
+    most: int,
 ) -> list[Twins]:
     """Kinds fitted at all ports alike, best first, or a simpler one before it.
 
     Asked are kinds that gain what is `needed` [nats] at every port alone, nearly as much as at the
     best port, and those that together do much of what the best effect does, or the best such kind.
     Each gains what is needed more at all ports than at any one. A kind is left out if its size may
-    be nothing at a port, or if it makes more than `most_effects` with those found before. A model
-    that knows no ports has no twins.
+    be nothing at a port, or if it is at more than `most` ports. A model that knows no ports has no
+    twins.
     """
     fitted: dict[frozenset[str], Twins] = {}
     firsts = {v.candidate.name: v for v in verdicts}
     gains = {name: v.candidate.gain_nats for name, v in firsts.items()}
-    sets = _sets(model, found, firsts, most_effects - len(found.hypothesis))
+    sets = _sets(model, found, firsts, most)
     for verdict in verdicts:
         names = sets.get(verdict.candidate.name, ())
         nearly = RULES.port_share * verdict.candidate.gain_nats

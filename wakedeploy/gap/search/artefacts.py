@@ -369,6 +369,8 @@ class Answer(Artefact):
         late: Inputs that come later than the outputs that they drive, and by how many seconds: two
             clocks, or a delay that the system has too much.
         late_by_a_row: Delays of one sample, of what may have been logged a row too early.
+        shifted: By how much inputs act later than their stamps, within half a sample, with what was
+            found. A correction has it, and no effect.
         curved: Inputs that act by a curve, where what was named may stand for a lag behind that.
         answered: What inputs do with an effect that was found, as a share of what they do without.
         noise: Sizes of the noise, by what it acts on.
@@ -399,6 +401,7 @@ class Answer(Artefact):
     moved: dict[str, Number] = {}
     late: dict[str, Number] = {}
     late_by_a_row: list[str] = []
+    shifted: dict[str, Measured] = {}
     curved: list[str] = []
     answered: dict[str, Number] = {}
     noise: dict[str, Quantity]

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Model
-from wakedeploy.gap.search.artefacts import Leftover
+from wakedeploy.gap.search.artefacts import Leftover, Measured
 from wakedeploy.gap.search.places import Axes, Residuals
 
 T = TypeVar("T")
@@ -165,6 +165,10 @@ class Comparison(Model, Protocol):
         """Delays that may come from how rows were logged."""
         ...
 
+    def shifted_inputs(self, found: Fit) -> dict[str, Measured]:
+        """By how much inputs surely act later than their stamps [s], where no delay says so."""
+        ...
+
     def curved_inputs(self, named: Sequence[str]) -> list[str]:
         """Inputs that act by a curve, where what was named may stand for a lag behind it."""
         ...
@@ -239,6 +243,10 @@ class ComparisonDefaults:
     def late_by_a_row(self, found: Fit) -> list[str]:
         """Rows are as they were measured."""
         return []
+
+    def shifted_inputs(self, found: Fit) -> dict[str, Measured]:
+        """Inputs have no clock of their own."""
+        return {}
 
     def curved_inputs(self, named: Sequence[str]) -> list[str]:
         """Effects act where a domain says."""

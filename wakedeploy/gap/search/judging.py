@@ -18,6 +18,7 @@ from wakedeploy.gap.evidence.fits import Fit
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
+from wakedeploy.gap.search.alike_ports import room_for
 from wakedeploy.gap.search.artefacts import Leftover
 from wakedeploy.gap.search.comparison import Comparison, asked_far_ahead, searched_on, theta_from
 from wakedeploy.gap.search.outcome import (
@@ -248,7 +249,7 @@ def _ahead(
     Candidates of the first round start where `anew` has them. In every round those of an `earlier`
     fit start at their sizes there, too.
     """
-    while len(outcome.found.hypothesis) < RULES.most_effects:
+    while room_for(part, outcome.found.hypothesis):
         if earlier is not None:
             named = outcome.found.hypothesis
             remaining = [n for n in earlier.hypothesis if n not in named]

@@ -54,7 +54,7 @@ def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
         sealed=[model.records[e].name for e in model.sealed()],
         where=places,
         maps=maps,
-        constants=_constants(base),
+        constants=constants_of(base),
         theta=theta_of(base),
     )
 
@@ -71,11 +71,12 @@ def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None
         threshold_nats=outcome.rounds[0].threshold_nats if outcome.rounds else 0.0,
         effects=[_effect(outcome, name, sizes) for name in outcome.found.hypothesis],
         parameters=sizes,
-        constants=_constants(outcome.found),
+        constants=constants_of(outcome.found),
         stated=_stated(outcome.found),
         moved=_moved(outcome.found),
         late=model.late_inputs(outcome.base, outcome.found),
         late_by_a_row=model.late_by_a_row(outcome.found),
+        shifted=model.shifted_inputs(outcome.found) if outcome.found.hypothesis else {},
         curved=model.curved_inputs([*outcome.found.hypothesis, *outcome.rivals]),
         answered={n: model.inputs_answered(outcome.found, n) for n in outcome.found.hypothesis},
         noise=_noise(outcome.found),
@@ -170,7 +171,7 @@ def _effect(outcome: Named, name: str, all_sizes: Sizes) -> Effect:
     return Effect(name=name, parameters=sizes, forecast=Forecast(**asdict(outcome.weights[name])))
 
 
-def _constants(fitted: Fit) -> Sizes:
+def constants_of(fitted: Fit) -> Sizes:
     """Every constant that was fitted, with its interval.
 
     It reaches no farther than what is stated of the constant alone does: where blocks that hardly

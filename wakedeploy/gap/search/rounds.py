@@ -19,7 +19,7 @@ from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.alike_ports import Twins, twins
+from wakedeploy.gap.search.alike_ports import Twins, room_for, twins
 from wakedeploy.gap.search.artefacts import Forecast, Ranked, Round
 from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
@@ -73,7 +73,7 @@ def with_one_more(
             further = _with(model, outcome, _best(model, found, leader, verdicts))
         return further
     evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
-    if not evident or len(found.hypothesis) + 2 > RULES.most_effects:
+    if not evident or room_for(model, found.hypothesis, 2) < 2:
         return None
     return _pair(model, outcome, evident[0], verdicts, progress)
 
@@ -290,7 +290,7 @@ def _twins(
         return None
     found, searched = outcome.found, outcome.rounds[-1]
     needed = {each.name: each.needed_nats for each in searched.ranking}
-    fitted = twins(model, found, verdicts, needed, RULES.most_effects)
+    fitted = twins(model, found, verdicts, needed, room_for(model, found.hypothesis))
     if not fitted:
         return None
     best, *others = fitted

@@ -117,7 +117,7 @@ def _curved(result: Result) -> str:
 def _borne_out(result: Result) -> str:
     """What blocks kept apart say; of a class, that it is open."""
     if result.verdict == "class":
-        return "Which of them it is, is open."
+        return "Which of them it is, or whether several are, is open."
     fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
     found = f"Found on {counted(fitted, 'block')} of the logs"
     apart = f"readings of {counted(sealed, 'block')} kept apart"

@@ -8,6 +8,7 @@ and logs, by the same rules, is not repeated.
 import functools
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer, Effect, Forecast, Result, read
 from wakedeploy.gap.search.comparison import theta_from
+from wakedeploy.gap.search.results import constants_of, theta_of
 from wakedeploy.gap.search.sizes import parameters
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.correction import correction_of, write_correction
@@ -35,26 +37,30 @@ CORRECTION, PLAN = "correction.toml", "plan.json"
 class OwnFolder(Folder):
     """The steps of a system and its logs; `exported` describes further files that `add` wrote.
 
-    With `only`, `add` adds that effect in the place of a class.
+    With `only`, `add` adds these effects beside what is sure, in the place of a class.
     """
 
     def __init__(
-        self, model: LogModel, out: Path, progress: Progress = quiet, only: str | None = None
+        self, model: LogModel, out: Path, progress: Progress = quiet, only: Sequence[str] = ()
     ) -> None:
         model.require_effects()
-        if only is not None:
-            model.acting((only,))  # says which there are
+        model.acting(tuple(only))  # says which there are
         super().__init__(model, out, _key(model), model.horizon * model.dt_s, progress)
         self.log_model, self.only = model, only
         self.later = (*self.later, CORRECTION, PLAN, "power.json", *model.system.exported)
         self.exported: list[str] = []
 
     def add(self) -> Answer:
-        """What was found, or the effect that was asked for, as a file that the system loads."""
+        """What was found, or the effects that were asked for, as a file that the system loads.
+
+        The answer is that of `name`, or one with these effects and the constants fitted beside.
+        """
         answer = self.name()
-        fitted = self._sure(answer) if self.only is None else self._with_member(answer, self.only)
+        fitted = self._with(answer, self.only) if self.only else self._sure(answer)
         is_answer = fitted.hypothesis == tuple(e.name for e in answer.effects)
         exported = answer if is_answer else _with_effects_of(self.log_model, answer, fitted)
+        if self.only:
+            exported = exported.model_copy(update={"verdict": "named", "rivals": []})
         correction = correction_of(self.log_model, fitted)
         if correction.is_empty:
             (self.out / CORRECTION).unlink(missing_ok=True)  # of an earlier answer
@@ -63,7 +69,7 @@ class OwnFolder(Folder):
         system = self.log_model.system
         where = f"{system.name}.export"
         self.exported = attempted(where, system.export, exported, self.out)
-        return answer
+        return exported if self.only else answer
 
     def plan(self) -> Planned | None:
         """Whether an input splits the class that was found: plan.json; None where none is open."""
@@ -97,17 +103,20 @@ class OwnFolder(Folder):
         near = theta_from(model, sure, found)
         return settled(model, fit(model, sure, found.episodes, near))[0]
 
-    def _with_member(self, answer: Answer, name: str) -> Fit:
-        """The fit of what is sure beside a class, and of this effect."""
+    def _with(self, answer: Answer, names: Sequence[str]) -> Fit:
+        """The fit of what is sure beside a class, and of these effects."""
         model, found = self.found()
-        sure = [e.name for e in answer.effects if e.name not in (*answer.rivals, name)]
-        hypothesis = (*sure, name)
+        sure = [e.name for e in answer.effects if e.name not in (*answer.rivals, *names)]
+        hypothesis = (*sure, *names)
         if hypothesis == found.hypothesis:
             return found
-        self.progress(f"fitting {name}")
-        sizes = stated_sizes(self.out, answer, self.log_model, [name]).get(name)
-        first = sizes or [f.starts[0] if f.starts else f.neutral for f in model.effects[name]]
-        places = dict(zip((f.name for f in model.effects[name]), first, strict=True))
+        self.progress(f"fitting {', '.join(names)}")
+        sizes = stated_sizes(self.out, answer, self.log_model, names)
+        places: dict[str, float] = {}
+        for name in names:
+            free = model.effects[name]
+            first = sizes.get(name) or [f.starts[0] if f.starts else f.neutral for f in free]
+            places |= dict(zip((f.name for f in free), first, strict=True))
         near = theta_from(model, hypothesis, found)
         theta = np.array(
             [places.get(f.name, x) for f, x in zip(model.free(hypothesis), near, strict=True)]
@@ -116,7 +125,7 @@ class OwnFolder(Folder):
 
 
 def _with_effects_of(model: LogModel, answer: Answer, fitted: Fit) -> Answer:
-    """The answer with the effects of another fit, of which nobody has asked forecasts."""
+    """The answer with another fit's effects and constants; nobody has asked its forecasts."""
     sizes = parameters(model, fitted, fitted.hypothesis)
     unknown = Forecast(share=math.nan, low=math.nan, high=math.nan)
     effects = [
@@ -131,7 +140,15 @@ def _with_effects_of(model: LogModel, answer: Answer, fitted: Fit) -> Answer:
         )
         for name in fitted.hypothesis
     ]
-    return answer.model_copy(update={"effects": effects, "parameters": sizes})
+    return answer.model_copy(
+        update={
+            "effects": effects,
+            "parameters": sizes,
+            "constants": constants_of(fitted),
+            "shifted": model.shifted_inputs(fitted),
+            "found_theta": theta_of(fitted),
+        }
+    )
 
 
 def beside_answer(model: LogModel, base: Fit, out: Path) -> tuple[LogModel, Fit]:

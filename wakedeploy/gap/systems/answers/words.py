@@ -5,15 +5,17 @@ sure is that, what next. The numbers stand below them. A page shows the same fir
 the place of the numbers, and the remarks.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from wakedeploy.gap.search.artefacts import (
     Answer,
     Artefact,
     Disagreements,
+    Effect,
     Forecast,
     Leftover,
+    Measured,
     Result,
     Size,
 )
@@ -72,6 +74,17 @@ def sentences(artefact: Artefact, planned: "Planned | None" = None) -> list[str]
     return [*first_screen(artefact, planned), *([DETAILS] if detail else []), *detail]
 
 
+def added_sentences(artefact: Artefact, names: Sequence[str]) -> list[str]:
+    """What was added because a person asked for it: its size, and all that was fitted beside it."""
+    assert isinstance(artefact, Answer)
+    return [
+        f"Added as you asked: {listed(names)}, beside what is sure. Fitted together:",
+        *(f"  {effect.name}: {_sizes(effect)}." for effect in artefact.effects),
+        *(f"  {shifted_words(name, by)}" for name, by in artefact.shifted.items()),
+        *(f"  {line}" for line in constant_words(artefact)),
+    ]
+
+
 def first_screen(result: Result, planned: "Planned | None" = None) -> list[str]:
     """The verdict, and three answers."""
     return [
@@ -98,11 +111,24 @@ def remarks(answer: Answer) -> list[str]:
     return [
         *far,
         *repeated_sentences(answer),
+        *(shifted_words(name, by) for name, by in answer.shifted.items()),
         *_unsettled(answer),
         *_unexplained(answer),
         *_nearest(answer),
         *_rejected(answer),
     ]
+
+
+def shifted_words(name: str, by: Measured) -> str:
+    """How late an input acts by its stamps, and that it may be a delay."""
+    way = "after" if by.value > 0.0 else "before"
+    low, high = sorted((abs(by.low), abs(by.high)))
+    delay = " If the stamps are right, that is a delay of the system." if by.value > 0.0 else ""
+    size = measured(abs(by.value), low, high, by.unit)
+    return (
+        f"{name} acts {size} {way} its stamps, which the fit took for the log's clock; the "
+        f"correction has it as clocks_s.{delay}"
+    )
 
 
 def _found(disagreements: Disagreements) -> list[str]:
@@ -247,10 +273,13 @@ def _open_class(result: Result, planned: "Planned | None") -> str:
 def _effects(answer: Answer) -> list[str]:
     lines = []
     for effect in answer.effects:
-        sizes = ", ".join(_size(*as_read(effect.name, *each)) for each in effect.parameters.items())
-        parts = filter(None, (sizes, removed_of(answer, effect)))
+        parts = filter(None, (_sizes(effect), removed_of(answer, effect)))
         lines.append(f"  {effect.name}: {'; '.join(parts)}.")
     return lines
+
+
+def _sizes(effect: Effect) -> str:
+    return ", ".join(_size(*as_read(effect.name, *each)) for each in effect.parameters.items())
 
 
 def _unsettled(answer: Answer) -> list[str]:
@@ -316,9 +345,13 @@ def _rejected(answer: Answer) -> list[str]:
         return []
     named = {effect.name for effect in answer.effects}
     beside = [searched for searched in answer.rounds if named.issuperset(searched.given)]
+    last = (beside or answer.rounds)[-1]
+    before = (
+        "" if last.chosen is None else f"before `{last.chosen}` was named, and not asked since: "
+    )
     judged = {
-        effect.name: effect.judged
-        for effect in (beside or answer.rounds)[-1].ranking[:_MOST_RANKED]
+        effect.name: f"{before}{effect.judged}"
+        for effect in last.ranking[:_MOST_RANKED]
         if effect.judged not in ("", ACCEPTED, CHANCE)
     }
     ranked = (effect for searched in answer.rounds for effect in searched.ranking)

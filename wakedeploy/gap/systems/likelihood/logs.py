@@ -18,7 +18,7 @@ from wakedeploy.core.names import near, one_of
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Score
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Leftover
+from wakedeploy.gap.search.artefacts import Leftover, Measured
 from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
 from wakedeploy.gap.systems.kinds.library import Effect, held_by, offered, ports_alike, rate_unit
 from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
@@ -46,6 +46,7 @@ _IN_NOISE = 6.0  # median changes from one reading to the next: white noise span
 _WITHOUT_STRAYS = 0.02, 0.98  # quantiles
 _FEWEST_MOVING = 4  # blocks, one of which can confirm what three show
 _LN_SD = 2.0
+_SHIFTED = 0.1  # of a sample, by which an input acts late: less is next to nothing
 # ln sd by which a sensor may be better than stated or guessed: a filter that trusts a sensor
 # without limit takes the moment within a sample at which a force turned for a force.
 _BETTER, _MUCH_BETTER = 1.0, 6.0
@@ -324,6 +325,21 @@ class LogModel(ComparisonDefaults):
     def late_by_a_row(self, found: Fit) -> list[str]:
         """Delays of one sample, in a system that shows an input directly."""
         return late_by_a_row(self, found)
+
+    def shifted_inputs(self, found: Fit) -> dict[str, Measured]:
+        """By how much inputs surely act later than their stamps [s]; negative for sooner.
+
+        What a named delay of the input has with its own is left out, as are shifts that chance may
+        bring or that are next to none.
+        """
+        delayed = {e.port.name for e in map(self.library.__getitem__, found.hypothesis)
+                   if e.kind.is_delay}  # fmt: skip
+        shifted = {}
+        for name in (i.name for i in self.system.logged if i.name not in delayed):
+            value, (low, high) = found.value(f"clock.{name}"), found.interval(f"clock.{name}")
+            if low * high > 0.0 and abs(value) > _SHIFTED * self.dt_s:
+                shifted[name] = Measured(value=value, low=low, high=high, unit="s")
+        return shifted
 
     def curved_inputs(self, named: Sequence[str]) -> list[str]:
         """Inputs that act by a curve, if a named effect says that they or an output are slow.

@@ -30,6 +30,7 @@ from wakedeploy.gap.systems.mjcf.ranges import (
 )
 from wakedeploy.gap.systems.mjcf.reading import read_spec
 from wakedeploy.gap.systems.system import Constant
+from wakedeploy.gap.wording import quantity
 
 _LINEAR = 1  # interpolation between the commands that an actuator remembers
 
@@ -51,6 +52,11 @@ def write_corrected(
     write_text_whole(out / CORRECTED, _corrected(written, out))
     rows = [number.row() for number in written.ranges.values()]
     write_text_whole(out / RANGES, tomli_w.dumps({"version": 1, "range": rows}))
+    for name, by in answer.shifted.items():
+        written.said.append(
+            f"{name} acts {quantity(by.value, 's')} after its stamps by the logs, and {CORRECTED} "
+            "has no delay for that"
+        )
     lines = [f"MJCF: {out / CORRECTED}, and what to randomise: {out / RANGES}"]
     absent = [f"{sentence}; {CORRECTED} is without it." for sentence in written.absent]
     return lines + [f"  {sentence}" for sentence in (*written.said, *absent)]
@@ -59,7 +65,7 @@ def write_corrected(
 def fitted(elements: Elements, constants: Mapping[str, Constant], answer: Answer) -> Fitted:
     """Every number of the file that was fitted, stated otherwise or found."""
     written = Fitted(elements)
-    add_constants(written, constants, answer.constants)
+    add_constants(written, constants, answer.constants, is_open=bool(answer.rivals))
     for effect in answer.effects:
         add_effect(written, Found(effect.name, effect.parameters))
     add_commands(written)

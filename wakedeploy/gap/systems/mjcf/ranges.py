@@ -125,14 +125,20 @@ class Fitted:
         self.following[element, name, attribute] = Following(element, name, attribute, values)
 
 
-def add_constants(written: Fitted, constants: Mapping[str, Constant], fitted: Sizes) -> None:
-    """As fitted, or as stated where that is exact and not what the file has."""
+def add_constants(
+    written: Fitted, constants: Mapping[str, Constant], fitted: Sizes, *, is_open: bool = False
+) -> None:
+    """As fitted, or as stated where that is exact and not what the file has.
+
+    Where it is open which of several effects is missing, constants bend to those that are left out,
+    so no stated value is ruled out.
+    """
     doubted = []
     for name, attribute in written.elements.attributes.items():
         constant = constants.get(name)
         if name in fitted:
             by_logs = _plain(attribute, fitted[name].unit).plus(fitted[name])
-            known = by_logs if constant is None else _with_stated(by_logs, constant)
+            known = by_logs if constant is None else _with_stated(by_logs, constant, is_open)
             if constant is not None and not known.low <= _stated(known) <= known.high:
                 written.said.append(_contradicted(name, known, constant))
             elif (known.low, known.high) != (by_logs.low, by_logs.high):
@@ -142,23 +148,25 @@ def add_constants(written: Fitted, constants: Mapping[str, Constant], fitted: Si
             exact, value = _plain(attribute, attribute.unit), constant.value
             written.ranges[exact.key] = replace(exact, nominal=value, low=value, high=value)
     if doubted:
-        written.said.append(
-            f"{RANGES} reaches to the stated value of {listed(doubted)}: the logs prefer another, "
-            "and do not rule it out."
+        why = (
+            "with another member of the class the logs may want that."
+            if is_open
+            else "the logs prefer another, and do not rule it out."
         )
+        written.said.append(f"{RANGES} reaches to the stated value of {listed(doubted)}: {why}")
 
 
 def _is_as_written(constant: Constant, attribute: Attribute) -> bool:
     return math.isclose(constant.value, attribute.value, rel_tol=_AS_WRITTEN)
 
 
-def _with_stated(fit: Range, constant: Constant) -> Range:
+def _with_stated(fit: Range, constant: Constant, is_open: bool) -> Range:
     """With what was known before, in its interval where the logs do not rule that out."""
     value = constant.value
     if not 0.0 < constant.spread < math.inf:
         return fit
     known = replace(fit, stated=value)
-    if _is_ruled_out(fit, value):
+    if not is_open and _is_ruled_out(fit, value):
         return known
     return replace(known, low=min(known.low, value), high=max(known.high, value))
 
