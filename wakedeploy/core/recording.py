@@ -1,7 +1,7 @@
 """A recording of any system: named columns over one time base, in SI units."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +9,21 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 
 
+@dataclass(frozen=True)
+class Origin:
+    """How a column was read: its unit in the log, and whether the log itself says that unit."""
+
+    unit: str
+    is_stated: bool
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One uninterrupted piece of a log.
 
     `time_s` (T,) rises in equal steps [s]; each of `columns` is (T,), by the name that the user's
-    system gives it and in its unit. A sample that was not measured is NaN.
+    system gives it and in its unit. A sample that was not measured is NaN. `origins` says of the
+    columns of a log what they were read from; nothing of those that had a factor of their own.
 
     Raises UnusableInput for columns of another length, or fewer than two samples.
     """
@@ -22,6 +31,7 @@ class Recording:
     name: str
     time_s: NDArray[np.float64]
     columns: Mapping[str, NDArray[np.float64]]
+    origins: Mapping[str, Origin] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.time_s) < 2:

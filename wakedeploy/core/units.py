@@ -244,7 +244,7 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
     "m": "m", "kg": "kg", "s": "s", "n": "N", "v": "V", "w": "W", "ohm": "ohm", "rad": "rad",
     "deg": "deg", "rpm": "rpm", "hz": "Hz", "nm": "N m", "pa": "Pa", "kgm2": "kg m²", "m2": "m²",
     "mps": "m/s", "mps2": "m/s²", "radps": "rad/s", "radps2": "rad/s²", "mm": "mm", "mv": "mV",
-    "ma": "mA", "us": "us", "ms": "ms", "um": "um", "pct": "%", "percent": "%",
+    "dps": "deg/s", "ma": "mA", "us": "us", "ms": "ms", "um": "um", "pct": "%", "percent": "%",
 }  # fmt: skip
 _ENDS_ABOVE = _ENDS | {"a": "A", "j": "J"}
 _ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s"}  # alone, `arm_a` is no current
@@ -280,15 +280,28 @@ def contradicted(name: str, unit: str) -> str | None:
     Of another dimension only an end counts that means nothing else: `x_s` may be of the slave, and
     `vx_mps` is a speed. Where the unit is "1" nobody has said one.
     """
-    end = name.lower().rpartition("_")[2] if "_" in name else ""
-    by_name = unit_at_end(name)
-    named = [by_name] if by_name is not None else _ENDS_BESIDE.get(end, [])
+    end, named = _end_of(name), _named(name)
     alike = [each for each in named if same_dimension(each, unit)]
     if alike:
         return None if any(same_unit(each, unit) for each in alike) else alike[0]
     is_whole = "_per_" not in name.lower()  # the end of push_n_per_mps is not all of its unit
     is_plain = end in _PLAIN_ENDS and is_known(unit) and not same_dimension(unit, "1") and is_whole
     return named[0] if named and is_plain else None
+
+
+def is_named(name: str, unit: str) -> bool:
+    """Whether a name ends in a unit, as `depth_cm` does in cm."""
+    return any(same_unit(each, unit) for each in _named(name) if same_dimension(each, unit))
+
+
+def _end_of(name: str) -> str:
+    return name.lower().rpartition("_")[2] if "_" in name else ""
+
+
+def _named(name: str) -> list[str]:
+    """The units that the end of a name may mean."""
+    by_name = unit_at_end(name)
+    return [by_name] if by_name is not None else _ENDS_BESIDE.get(_end_of(name), [])
 
 
 def same_dimension(first: str, other: str) -> bool:

@@ -11,7 +11,7 @@ from benchmarks.real_systems.answering import system_of
 from benchmarks.real_systems.cases import CASES
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.cli import main
-from wakedeploy.core.recording import Recording
+from wakedeploy.core.recording import Origin, Recording
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
 
@@ -219,6 +219,36 @@ def test_a_speed_in_another_unit_than_its_position_is_told(times, said):
     scale = float(note.partition("second goes ")[2].partition(" times")[0])
     assert scale == pytest.approx(1.0 / times, rel=0.05)
     assert said in note
+
+
+@pytest.mark.parametrize(
+    ("gyro", "said"),
+    [
+        (Origin("rpm", False), "gyro is in deg/s, and not in rpm"),
+        (Origin("deg/s", True), "second is in deg, and not in rad"),
+    ],
+)
+def test_of_columns_of_a_log_the_unit_that_columns_toml_gives_is_doubted(gyro, said):
+    """A gyro in deg/s that is read as rpm, or an angle in deg beside one of a unit that is said."""
+    made = joints()
+    columns = dict(made.columns, gyro=6.0 * made.columns["gyro"])
+    if gyro.is_stated:
+        columns = dict(made.columns, second=made.columns["second"] * 180.0 / np.pi)
+    origins = {"gyro": gyro, "second": Origin("rad", False)}
+    (note,) = misread(LogModel(Joints(), [Recording("made", made.time_s, columns, origins)]))
+    assert said in note
+    assert ("gyro is in" in note) is not gyro.is_stated
+
+
+@pytest.mark.parametrize("is_stated", [False, True])
+def test_no_other_unit_is_looked_for_where_the_log_says_it(is_stated):
+    """Motors that do a thousandth of what the arm says look as if they were in another unit."""
+    made = joints()
+    pushes_mnm = {n: 1e3 * made.columns[n] for n in ("motor_1_nm", "motor_2_nm")}
+    origins = dict.fromkeys(pushes_mnm, Origin("N m", is_stated))
+    read = Recording("made", made.time_s, {**made.columns, **pushes_mnm}, origins)
+    notes = misread(LogModel(Known(), [read]))
+    assert any("is in mN m, and not in N m" in note for note in notes) is not is_stated
 
 
 @pytest.mark.parametrize("times", [0.8, 1.25])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.recording import Recording
+from wakedeploy.core.recording import Origin, Recording
 from wakedeploy.core.units import contradicted, same_dimension
 from wakedeploy.domains.tables.columns import Column, Columns
 from wakedeploy.domains.tables.diagnosis import (
@@ -71,6 +71,7 @@ class FileReader:
     notes: list[str]
     _logs: dict[str, Log] = field(default_factory=dict)
     _remarks: Remarks = field(default_factory=Remarks)
+    _origins: dict[str, Origin] = field(default_factory=dict)
 
     def recordings(self) -> Iterator[Recording]:
         """Its pieces in their order; UnusableInput where there is none."""
@@ -105,6 +106,8 @@ class FileReader:
                 units = stated[id(place.log)] = _stated_units(place.log)
             address = place.address
             unit = units.get(address, units.get(address.lstrip("/")))  # HDF5 has both spellings
+            if (origin := self.wanted[name].origin(unit)) is not None:
+                self._origins[name] = origin
             if said := self.wanted[name].doubt(unit):
                 yield f"{place.log.path}, column {address!r}: {said}"
 
@@ -416,7 +419,7 @@ class FileReader:
             if self.columns.resample is None
             else self._resampled(series, start_s, end_s)
         )
-        return Recording(name, *sampled) if len(sampled[0]) > 1 else None
+        return Recording(name, *sampled, self._origins) if len(sampled[0]) > 1 else None
 
     def _as_recorded(
         self, series: Sequence[Series], start_s: float, end_s: float

@@ -6,6 +6,7 @@ recording is in two splits unless the splits are stretches of time.
 
 import fnmatch
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from wakedeploy.core.episodes import SPLITS
@@ -141,7 +142,7 @@ def _cut(recording: Recording, part: slice) -> Recording:
             ' splits; give a longer log, or held_out = "files".'
         )
     columns = {name: values[part] for name, values in recording.columns.items()}
-    return Recording(recording.name, recording.time_s[part], columns)
+    return replace(recording, time_s=recording.time_s[part], columns=columns)
 
 
 def long_enough(pieces: Pieces, window_s: float, rate_hz: float) -> Pieces:

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from wakedeploy.core.angles import Unwrapped, turn_in, unwrapped
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Origin
 from wakedeploy.core.units import (
     SHOWN_ALONE,
     contradicted,
     conversion,
     is_angular,
     is_known,
+    is_named,
     same_dimension,
     same_unit,
     si_unit,
@@ -86,6 +88,18 @@ class Wanted:
         if named is None:
             return ""
         return f"read as {column.unit}, and its name says {named}; check `unit`"
+
+    def origin(self, stated: str | None) -> Origin | None:
+        """The unit that its numbers have in the log, and whether the log says so, as for `doubt`.
+
+        None for a column with a factor of its own, or that is made of several.
+        """
+        column = self.column
+        if column.column is None or self._is_scaled:
+            return None
+        is_stated = stated is not None and _is_unit(stated) and same_unit(stated, column.unit)
+        name = column.column.partition("[")[0].lower()
+        return Origin(column.unit, is_stated or is_named(name, column.unit))
 
     def converted(self, values: Vector) -> Vector:
         """Numbers of the log in that unit."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.recording import Recording
+from wakedeploy.core.recording import Origin, Recording
 from wakedeploy.core.units import conversion, is_angular, same_dimension
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.augmented import Acting
@@ -91,7 +91,8 @@ def _of_forecasts(model: LogModel) -> list[str]:
     """The readings under which errors of forecasts all but vanish, the best and those as good."""
     logs = _Logs.of(model)
     system, before = logs.system, logs.errors()
-    others = [*_in_other_units(system, before), *_exchanged(system, before)]
+    origins = model.recordings[0].origins
+    others = [*_in_other_units(system, before, origins), *_exchanged(system, before)]
     if len(others) > _AT_FULL_LENGTH:
         logs = logs.shortened(_AT_FULL_LENGTH / len(others))
         before = logs.errors()
@@ -148,7 +149,7 @@ class _Logs:
 
     def read_as(self, other: "_Other") -> "_Logs":
         """The same, read otherwise."""
-        read = [Recording(r.name, r.time_s, other.columns(r.columns)) for r in self.recordings]
+        read = (replace(r, columns=other.columns(r.columns)) for r in self.recordings)
         return replace(self, recordings=tuple(read))
 
     def errors(self) -> dict[int, FloatArray]:
@@ -178,17 +179,23 @@ def _are_off(system: StateSpace, errors: Mapping[int, FloatArray]) -> list[Outpu
     return [o for o, off in zip(system.outputs, worst, strict=True) if off > _WELL]
 
 
-def _in_other_units(system: StateSpace, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
+def _in_other_units(
+    system: StateSpace, errors: Mapping[int, FloatArray], origins: Mapping[str, Origin]
+) -> Iterator[_Other]:
     """Columns in units in which they may have been logged, beyond what constants allow.
 
-    Of outputs only those that are off; of inputs all, if any output is.
+    Of outputs only those that are off; of inputs all, if any output is. None whose log says its
+    unit: something that is missing may look like another one.
     """
     least = _SPREADS * max((_relative(c) for c in system.constants), default=0.0)
     off = _are_off(system, errors)
     stated = [(f"input {i.name}", i.name, i.unit) for i in system.logged if off]
     stated += [(f"output {o.name}", o.name, o.unit) for o in off]
     for what, name, unit in stated:
-        for words, scale in _readings(what, unit):
+        origin = origins.get(name)
+        if origin is not None and origin.is_stated:
+            continue
+        for words, scale in _readings(what, unit, origin):
             if abs(math.log(scale)) > max(least, _OFF_SCALE):
                 yield _scaled(words, name, scale)
 
@@ -198,17 +205,19 @@ def _relative(constant: Constant) -> float:
     return math.log1p(constant.spread / abs(constant.value)) if constant.keeps_sign else 0.0
 
 
-def _readings(what: str, unit: str) -> list[tuple[str, float]]:
+def _readings(what: str, unit: str, origin: Origin | None) -> list[tuple[str, float]]:
     """What may be wrong about a column's unit, and what its numbers are then multiplied by.
 
-    It is in another unit that nobody stated, or another was stated and it is in the system's: then
-    it was divided by what it should not have been. Two of one scale, as kN and mN, are one.
+    It is in another unit than its columns.toml says. Of a column that nobody says that of, it is in
+    another than the system's, or in the system's and was divided by what it should not have been.
+    Two of one scale, as kN and mN, are one.
     """
     said: dict[float, list[str]] = {}
-    own, units = unit or "1", [*_units_of(unit)]
+    read_as = origin.unit if origin is not None else unit
+    own, units = read_as or "1", [*_units_of(read_as)]
     for other, scale in units:
         said.setdefault(_rounded(scale), []).append(f"{what} is in {other}, and not in {own}")
-    for other, scale in units:
+    for other, scale in units if origin is None else ():
         if other == _GRAVITIES:  # which no columns.toml can say
             continue
         times = 1.0 / scale
@@ -345,7 +354,7 @@ def _held(measured: FloatArray) -> FloatArray:
 
 def _beginning(recording: Recording, rows: int) -> Recording:
     columns = {name: values[:rows] for name, values in recording.columns.items()}
-    return Recording(recording.name, recording.time_s[:rows], columns)
+    return replace(recording, time_s=recording.time_s[:rows], columns=columns)
 
 
 # --- by positions and their speeds
@@ -416,10 +425,13 @@ def _of_scale(
         return []
     scale = float(np.sqrt(np.sum(way**2) / np.sum(own**2)))
     units = {o.name: o.unit for o in model.system.outputs}
+    origins = model.recordings[0].origins
+    unsure = [n for n in (place, speed) if n not in origins or not origins[n].is_stated]
     likely = [
         words
         for name, wanted in ((place, 1.0 / scale), (speed, scale))
-        for words, factor in _readings(name, units[name])
+        if name in unsure or not unsure
+        for words, factor in _readings(name, units[name], origins.get(name))
         if abs(math.log(factor / wanted)) < _OFF_SCALE
     ]
     if not likely:
