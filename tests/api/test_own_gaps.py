@@ -1,7 +1,10 @@
 """The gap of a system of one's own from Python: what the command writes, as the gantry's is."""
 
+import dataclasses
 import json
 import math
+import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 import wakedeploy as wd
+from wakedeploy.api.systems import recordings_of
 from wakedeploy.cli import main
 from wakedeploy.gap.search.artefacts import Result
 
@@ -157,6 +161,39 @@ def test_the_command_prints_what_the_function_returns(place: Path, gap: wd.Gap) 
     assert f"Report: {gap.report}" in told.stdout
     assert f"Next: {gap.next[0]}" in told.stdout
     assert json.loads((place / "told.json").read_text())["verdict"] == "named"
+
+
+@pytest.mark.whole
+def test_what_is_added_by_name_is_told_with_its_size_and_what_was_fitted_beside_it(
+    place: Path, gap: wd.Gap, tmp_path: Path
+) -> None:
+    """The offset takes the friction's place: it is told what the file has, not the answer again."""
+    shutil.copytree(gap.folder, tmp_path / "gap")
+    words = ["--system", str(place / "slider.py"), "--measured", str(place / "log.csv")]
+    words += ["--out", str(tmp_path / "gap"), "--effect", OFFSET]
+    told = CliRunner().invoke(main, ["gap", "add", *words])
+    assert told.exit_code == 0, told.output
+    correction = tomllib.loads((tmp_path / "gap" / "correction.toml").read_text())
+    assert [effect["name"] for effect in correction["effect"]] == [NAME, OFFSET]
+    first, *rows = told.stdout.splitlines()
+    assert first.startswith(f"Added as you asked: {OFFSET}, beside what is sure. Fitted together:")
+    assert [row.split(":")[0].strip() for row in rows[:2]] == [NAME, OFFSET]
+    assert "Does it matter" not in told.stdout
+    mass = correction["constants"]["mass_kg"]
+    assert f"mass_kg: stated 2 kg, fitted {mass:.3g}" in told.stdout.replace("0 kg", " kg")
+    both = CliRunner().invoke(main, ["gap", "add", *words, "--effect", NAME])
+    assert both.exit_code == 0, both.output
+    assert f"Added as you asked: {OFFSET} and {NAME}, beside" in both.stdout
+
+
+def test_a_log_that_is_another_s_copy_counts_once_and_that_is_said(place: Path) -> None:
+    heard: list[str] = []
+    copy = dataclasses.replace(recorded(1), name="copy")
+    logs = [recorded(0), recorded(1), copy]
+    system = _kind(place)()
+    kept = recordings_of(logs, None, system, heard.append)
+    assert [recording.name for recording in kept] == ["made 0", "made 1"]
+    assert heard == ["copy has the samples of made 1: a copy, which is left out"]
 
 
 @pytest.mark.whole

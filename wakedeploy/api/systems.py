@@ -4,11 +4,14 @@ In: a file, a class or an object, and logs or recordings. Out: a model of them, 
 which the steps up to one have run.
 """
 
+import hashlib
 import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.caller import Warn
@@ -79,7 +82,7 @@ def recordings_of(
     for note in (note for recording in given for note in jumps(system, recording)):
         warn(note)
     if columns is None:
-        return given + [_plain(path, system, warn) for path in paths]
+        return _without_copies(given + [_plain(path, system, warn) for path in paths], warn)
     if not paths:
         raise UnusableInput("columns go with logs that are read from files; leave them out.")
     known = columns if isinstance(columns, Columns) else read_columns(Path(columns))
@@ -88,7 +91,20 @@ def recordings_of(
     reading = read_recordings(paths, known, units)
     for note in reading.notes:
         warn(note)
-    return given + list(reading.recordings)
+    return _without_copies(given + list(reading.recordings), warn)
+
+
+def _without_copies(recordings: Sequence[Recording], warn: Warn) -> list[Recording]:
+    """Each once: a copy would count as evidence that nobody has."""
+    known: dict[str, Recording] = {}
+    for recording in recordings:
+        digest = hashlib.sha256(str(len(recording.time_s)).encode())
+        for name in sorted(recording.columns):
+            digest.update(name.encode() + np.ascontiguousarray(recording.columns[name]).tobytes())
+        first = known.setdefault(digest.hexdigest(), recording)
+        if first is not recording:
+            warn(f"{recording.name} has the samples of {first.name}: a copy, which is left out")
+    return list(known.values())
 
 
 def _require_roles(columns: Columns, system: System) -> None:

@@ -145,6 +145,8 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
             if columns is not None:
                 raise click.UsageError("'--columns' goes with '--system'.")
             assert rig_path is not None
+            if rig_path.suffix == ".py":
+                raise click.UsageError(f"{rig_path} is a system: give it by '--system'.")
             _require_flights(rig_path, given["measured"])
             _step_of_rig(of_rig, rig_path, given)
             return

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from wakedeploy.cli.groups import same_command
 from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.output import json_option, print_table, warn, write_json
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
+_FOLLOWING = {"find": "name", "name": "add"}
 _NOTHING = 1e-3  # standard deviations that no log shows
 SYSTEM = click.option("--system", "system_path", type=click.Path(path_type=Path),
                       help="A Python file with your own system.")  # fmt: skip
@@ -205,6 +207,8 @@ def run_steps(
         )
         raise
     _tell(taken, out, only, is_added=step not in ("find", "name"))
+    if step in _FOLLOWING and f" gap {step} " in (command := same_command()):
+        click.echo(f"Next: {command.replace(f' gap {step} ', f' gap {_FOLLOWING[step]} ', 1)}")
     if json_path:
         write_json(json_path, taken.told.as_json())
 

@@ -10,7 +10,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.search import alike_ports
-from wakedeploy.gap.search.alike_ports import twins
+from wakedeploy.gap.search.alike_ports import distinct, room_for, twins
 from wakedeploy.gap.search.imitation import doing_alike
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
@@ -108,6 +108,19 @@ def test_what_both_sides_lack_is_named_at_both(hidden, names, size, truth):
         assert low < truth < high or naming.found.value(f"{name}.{size}") == pytest.approx(
             truth, rel=0.05
         )
+
+
+def test_a_kind_at_several_ports_counts_once_towards_the_most_that_are_named():
+    model = LogModel(Rover(), [_driven(1)])
+    drifts, gains = (
+        tuple(f"{kind}@{port}" for port in ("left_v", "right_v")) for kind in ("drift", "gain")
+    )
+    frictions = ("coulomb-friction@left_mps", "coulomb-friction@right_mps")
+    assert distinct(model, (*drifts, *gains)) == 2
+    assert room_for(model, (*drifts, *gains)) == 4
+    assert room_for(model, (*drifts, *gains), 2) == 4
+    assert room_for(model, (*drifts, *gains, *frictions), 2) == 0
+    assert room_for(model, (*drifts, *gains, *frictions)) == 2
 
 
 @pytest.fixture(scope="module")

@@ -172,7 +172,12 @@ def test_members_that_nothing_tells_apart_are_said_to_be_alike() -> None:
     [
         (3.66, 0.631, "That tells 5.8 times as much as the present logs do in that time."),
         (8270.0, 0.02, "That tells over 100 times as much as the present logs do in that time."),
-        (40.0, 44.0, "That tells 0.91 times as much as the present logs do in that time."),
+        (
+            40.0,
+            44.0,
+            "That tells 0.91 times as much as the present logs do in that time: another log like "
+            "those tells more.",
+        ),
         (2.0, 0.0, "The present logs tell nothing of it."),
     ],
 )

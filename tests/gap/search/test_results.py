@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from wakedeploy.gap.evidence.fits import Free
-from wakedeploy.gap.search.results import _constants
+from wakedeploy.gap.search.results import constants_of
 
 
 @pytest.mark.parametrize(
@@ -17,5 +17,5 @@ def test_no_interval_of_a_constant_is_wider_than_what_was_stated(spread, low, hi
     fitted = SimpleNamespace(
         free=[free], value=lambda name: 3.0, interval=lambda name: (0.0, 2713.0)
     )
-    size = _constants(fitted)["weight_nm"]
+    size = constants_of(fitted)["weight_nm"]
     assert (size.low, size.high) == pytest.approx((low, high), abs=1e-3)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from made_answers import answer_with
 
-from wakedeploy.gap.search.artefacts import Answer, Size, Sizes
+from wakedeploy.gap.search.artefacts import Answer, Measured, Size, Sizes
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem
@@ -393,6 +393,29 @@ def test_a_range_reaches_to_a_stated_value_that_logs_do_not_rule_out(tmp_path: P
     assert "stated" not in rows["rail stiffness"]
     assert any("reaches to the stated value of drive_kp:" in line for line in said)
     assert any("drive_kv is stated as 3 ± 0.6 N/(m/s), and the logs rule" in line for line in said)
+
+
+def test_where_a_class_is_open_no_stated_value_is_ruled_out(tmp_path: Path) -> None:
+    """Constants bend to the member that was not taken: a damping, to a delay."""
+    system = written(tmp_path, SERVO)
+    told = answered(
+        ("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}),
+        verdict="class",
+        drive_kv=size(2.0, "N/(m/s)", half=0.1),
+    ).model_copy(update={"rivals": ["stiffness@rail_mps", "dead-time@drive_command"]})
+    said = system.export(told, tmp_path / "out")
+    kv = rows_of(tmp_path)["drive kv"]
+    assert (kv["nominal"], kv["low"], kv["high"]) == pytest.approx((2.0, 1.9, 3.0))
+    assert not any("rule that out" in line for line in said)
+    assert any("drive_kv: with another member of the class" in line for line in said)
+
+
+def test_an_input_that_acts_after_its_stamps_is_said_to_have_no_delay(tmp_path: Path) -> None:
+    system = written(tmp_path, SERVO)
+    told = answered(("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}))
+    late = {"drive_command": Measured(value=0.01, low=0.008, high=0.01, unit="s")}
+    said = system.export(told.model_copy(update={"shifted": late}), tmp_path / "out")
+    assert any("drive_command acts 10.0 ms after its stamps" in line for line in said)
 
 
 def test_a_value_that_nobody_measured_widens_no_range(tmp_path: Path) -> None:

@@ -200,6 +200,8 @@ def _needed(part: Comparison, start: Named, progress: Progress, anew: Mapping[st
     same, the first answer stays, weighed without the effects that left, if all of it still matters.
     """
     ahead = _ahead(part, replace(start, rounds=list(start.rounds)), progress, anew)
+    if ahead.found.hypothesis:
+        progress("asking whether each effect is still needed")
     outcome = still_needed(part, ahead)
     left = tuple(n for n in ahead.found.hypothesis if n not in outcome.found.hypothesis)
     if not left or set(left) & set(start.found.hypothesis):

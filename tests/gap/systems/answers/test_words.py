@@ -184,6 +184,34 @@ def test_an_effect_that_is_not_named_is_listed_although_others_were_tried_beside
     assert "offset@v" not in screen
 
 
+def test_of_what_was_not_asked_since_the_last_name_that_is_said() -> None:
+    """An answer names no more; beside the last one it might matter."""
+    last = ranked({"stop@v": 80.0, "offset@v": 40.0}, [LAG])
+    last["ranking"][1]["judged"] = HARDLY
+    last["chosen"] = "stop@v"
+    effects = [{"name": n, "parameters": {}, "forecast": SHARE} for n in (LAG, "stop@v")]
+    screen = " ".join(sentences(result(effects=effects, rounds=[ranked({LAG: 90.0}, []), last])))
+    assert (
+        f"Not named: offset@v: before `stop@v` was named, and not asked since: {HARDLY}." in screen
+    )
+
+
+@pytest.mark.parametrize(
+    ("by_s", "said"),
+    [
+        ((0.01, 0.008, 0.012), "acts 10.0 ms (8.0 to 12.0) after its stamps, which the fit took"),
+        ((-0.01, -0.012, -0.008), "acts 10.0 ms (8.0 to 12.0) before its stamps, which"),
+    ],
+)
+def test_what_a_fit_took_for_the_log_s_clock_is_said(by_s, said: str) -> None:
+    value, low, high = by_s
+    shifted = {"bow": {"value": value, "low": low, "high": high, "unit": "s"}}
+    effects = [{"name": LAG, "parameters": {}, "forecast": SHARE}]
+    screen = " ".join(sentences(result(effects=effects, shifted=shifted)))
+    assert f"bow {said}" in screen
+    assert ("that is a delay of the system" in screen) is (value > 0.0)
+
+
 def test_a_rival_is_not_listed_as_unnamed() -> None:
     """It alone improves forecasts hardly, and still no log tells it from the one that does."""
     first = ranked({"mass@v": 40.0, LAG: 90.0, "stop@v": 20.0}, [])

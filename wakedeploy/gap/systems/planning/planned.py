@@ -59,7 +59,9 @@ class Planned(Artefact):
             return " ".join([self._none_worth_it, *self._same, INSTEAD])
         compared = "The present logs tell nothing of it."
         if self.logged_nats > 0.0:
-            compared = f"That tells {self._as_much}."
+            is_less = self.nats < self.logged_nats
+            further = ": another log like those tells more" if is_less else ""
+            compared = f"That tells {self._as_much}{further}."
         return " ".join(
             [
                 f"Record {self.input} on {listed(self.moved)} for {self.seconds:.3g} s.",
