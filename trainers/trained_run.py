@@ -64,8 +64,8 @@ class TrainedRun:
         """Forces (T, o) for observations (T, d), or (B, T, o) for B series (B, T, d).
 
         Every series begins with an empty memory. Forces are float32, in the units of
-        `config.force`, `config.lead_s` seconds ahead; before `config.warm_up_steps` observations
-        the memory is not full. The columns of a DataFrame are taken by their names, those of an
+        `config.force`, `config.lead_s` seconds ahead; errors leave out the first
+        `config.warm_up_steps`. The columns of a DataFrame are taken by their names, those of an
         array in the order of `config.observation`. Raises UnusableInput for another shape, a
         missing channel or what is no number. Warns by `wd.OutOfRange` where a channel has other
         values than in training, as in another unit.

@@ -176,14 +176,16 @@ def test_what_is_added_by_name_is_told_with_its_size_and_what_was_fitted_beside_
     correction = tomllib.loads((tmp_path / "gap" / "correction.toml").read_text())
     assert [effect["name"] for effect in correction["effect"]] == [NAME, OFFSET]
     first, *rows = told.stdout.splitlines()
-    assert first.startswith(f"Added as you asked: {OFFSET}, beside what is sure. Fitted together:")
+    assert first.startswith(f"Added as you asked: {OFFSET}. The correction has:")
     assert [row.split(":")[0].strip() for row in rows[:2]] == [NAME, OFFSET]
     assert "Does it matter" not in told.stdout
     mass = correction["constants"]["mass_kg"]
     assert f"mass_kg: stated 2 kg, fitted {mass:.3g}" in told.stdout.replace("0 kg", " kg")
     both = CliRunner().invoke(main, ["gap", "add", *words, "--effect", NAME])
     assert both.exit_code == 0, both.output
-    assert f"Added as you asked: {OFFSET} and {NAME}, beside" in both.stdout
+    assert f"Added as you asked: {OFFSET} and {NAME}. The correction has:" in both.stdout
+    twice = CliRunner().invoke(main, ["gap", "add", *words, "--effect", OFFSET])
+    assert twice.stdout == told.stdout
 
 
 def test_a_log_that_is_another_s_copy_counts_once_and_that_is_said(place: Path) -> None:
@@ -191,6 +193,11 @@ def test_a_log_that_is_another_s_copy_counts_once_and_that_is_said(place: Path) 
     copy = dataclasses.replace(recorded(1), name="copy")
     logs = [recorded(0), recorded(1), copy]
     system = _kind(place)()
+    spare = {**copy.columns, "battery_v": 12.0 + 0.0 * copy.time_s}  # a column that nobody asks for
+    logs[2] = dataclasses.replace(copy, columns=spare, time_s=copy.time_s + 60.0)
+    rest = {name: 0.0 * values for name, values in copy.columns.items()}
+    resting = [dataclasses.replace(copy, name=name, columns=rest) for name in ("rest", "again")]
+    assert len(recordings_of(resting, None, system, heard.append)) == 2
     kept = recordings_of(logs, None, system, heard.append)
     assert [recording.name for recording in kept] == ["made 0", "made 1"]
     assert heard == ["copy has the samples of made 1: a copy, which is left out"]

@@ -82,7 +82,8 @@ def recordings_of(
     for note in (note for recording in given for note in jumps(system, recording)):
         warn(note)
     if columns is None:
-        return _without_copies(given + [_plain(path, system, warn) for path in paths], warn)
+        plain = [_plain(path, system, warn) for path in paths]
+        return _without_copies([*given, *plain], system, warn)
     if not paths:
         raise UnusableInput("columns go with logs that are read from files; leave them out.")
     known = columns if isinstance(columns, Columns) else read_columns(Path(columns))
@@ -91,20 +92,27 @@ def recordings_of(
     reading = read_recordings(paths, known, units)
     for note in reading.notes:
         warn(note)
-    return _without_copies(given + list(reading.recordings), warn)
+    return _without_copies([*given, *reading.recordings], system, warn)
 
 
-def _without_copies(recordings: Sequence[Recording], warn: Warn) -> list[Recording]:
-    """Each once: a copy would count as evidence that nobody has."""
+def _without_copies(recordings: Sequence[Recording], system: System, warn: Warn) -> list[Recording]:
+    """Each once: a copy would count as evidence that nobody has. What never moves is no copy."""
+    names = {each.name for each in asked_of_logs(system)}
     known: dict[str, Recording] = {}
+    kept = []
     for recording in recordings:
-        digest = hashlib.sha256(str(len(recording.time_s)).encode())
-        for name in sorted(recording.columns):
+        steps = np.round(np.diff(recording.time_s), 9)
+        digest = hashlib.sha256(steps.tobytes())
+        asked = (n for n in sorted(recording.columns) if n in names)
+        moving = [n for n in asked if len(np.unique(recording.columns[n])) > 1]
+        for name in moving:
             digest.update(name.encode() + np.ascontiguousarray(recording.columns[name]).tobytes())
-        first = known.setdefault(digest.hexdigest(), recording)
-        if first is not recording:
+        first = known.setdefault(digest.hexdigest(), recording) if moving else recording
+        if first is recording:
+            kept.append(recording)
+        else:
             warn(f"{recording.name} has the samples of {first.name}: a copy, which is left out")
-    return list(known.values())
+    return kept
 
 
 def _require_roles(columns: Columns, system: System) -> None:

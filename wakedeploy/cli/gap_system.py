@@ -1,5 +1,6 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
+import re
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
-_FOLLOWING = {"find": "name", "name": "add"}
 _NOTHING = 1e-3  # standard deviations that no log shows
 SYSTEM = click.option("--system", "system_path", type=click.Path(path_type=Path),
                       help="A Python file with your own system.")  # fmt: skip
@@ -207,10 +207,22 @@ def run_steps(
         )
         raise
     _tell(taken, out, only, is_added=step not in ("find", "name"))
-    if step in _FOLLOWING and f" gap {step} " in (command := same_command()):
-        click.echo(f"Next: {command.replace(f' gap {step} ', f' gap {_FOLLOWING[step]} ', 1)}")
+    if (command := _following(step, taken, same_command())) is not None:
+        click.echo(f"Next: {command}")
     if json_path:
         write_json(json_path, taken.told.as_json())
+
+
+def _following(step: str, taken: "Taken", command: str) -> str | None:
+    """The same command for the step that comes next; None where another than that is to be done."""
+    from wakedeploy.gap.search.artefacts import Answer
+
+    is_named = isinstance(taken.told, Answer) and taken.told.verdict == "named"
+    later = "name" if step == "find" else "add" if step == "name" and is_named else ""
+    if not later or f" gap {step} " not in command:
+        return None
+    without_json = re.sub(r" --json(=| )\S+", "", command)
+    return without_json.replace(f" gap {step} ", f" gap {later} ", 1)
 
 
 def _tell(taken: "Taken", out: Path, only: tuple[str, ...], *, is_added: bool) -> None:

@@ -27,7 +27,8 @@ MEANINGS = {
     "force": "the outputs in their order: name, unit, range in training",
     "memory": "what it remembers from step to step",
     "warm_up_steps": "the step from a cold start, counted from 1, whose force is the first that "
-    "counts: its window is full, or, of a memory that is carried on, its errors begin there",
+    "counts: its window is full, the first without a memory, and where errors begin of one that is "
+    "carried on",
     "trainable": "trained weights",
     "frozen": "weights that stayed as they were drawn, as a reservoir's",
     "data_sha256": "the hash of the episode set",

@@ -57,6 +57,14 @@ def test_a_bag_without_its_description_is_one_in_a_folder_of_bags(tmp_path: Path
     assert all("holds bags (run/run_0.db3); give these." in said for said in told(tmp_path))
 
 
+def test_a_compressed_bag_whose_description_is_lost_is_to_be_unpacked(tmp_path: Path) -> None:
+    bag = tmp_path / "bags" / "run"
+    bag.mkdir(parents=True)
+    (bag / "run_0.db3.zstd").write_bytes(b"\x28\xb5\x2f\xfd")
+    assert all("run_0.db3.zstd: is compressed; unpack it by zstd -d" in said for said in told(bag))
+    assert all("holds bags (run/run_0.db3.zstd)" in said for said in told(bag.parent))
+
+
 @pytest.mark.parametrize("description", ["", "compression_mode: FILE\n"])
 def test_a_compressed_bag_is_to_be_unpacked_whatever_its_description(
     tmp_path: Path, description: str

@@ -63,6 +63,19 @@ def test_the_past_foretells_the_share_that_a_first_order_process_keeps(keep: flo
     assert share == pytest.approx(keep**2, abs=0.03)
 
 
+def test_of_an_output_that_is_seldom_read_white_noise_foretells_nothing() -> None:
+    """Its few readings correlate by chance, by as much as so few do."""
+    rng = np.random.default_rng(5)
+    rows = [rng.standard_normal(LAGS) / n**0.5 for n in (4000, 60) * 20]
+    found = np.array([
+        White(p_value=0.0, statistic=0.0, limit=0.0, passes=False, lags=[], autocorrelation=[],
+              by_channel=[list(often), list(seldom)], counts=[4000, 60], samples=60).foretold()
+        for often, seldom in zip(rows[::2], rows[1::2], strict=True)
+    ])  # fmt: skip
+    assert found.mean(0) == pytest.approx([0.0, 0.0], abs=0.06)
+    assert found[:, 0].max() < 0.01
+
+
 def test_correlations_do_not_reach_from_one_flight_into_the_next() -> None:
     """By hand, over the pairs within each flight."""
     series = white_noise(4, flights=2, count=60)

@@ -10,7 +10,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.search import alike_ports
-from wakedeploy.gap.search.alike_ports import distinct, room_for, twins
+from wakedeploy.gap.search.alike_ports import askable, distinct, room_for, twins
 from wakedeploy.gap.search.imitation import doing_alike
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.outcome import verdict_of
@@ -121,6 +121,15 @@ def test_a_kind_at_several_ports_counts_once_towards_the_most_that_are_named():
     assert room_for(model, (*drifts, *gains), 2) == 4
     assert room_for(model, (*drifts, *gains, *frictions), 2) == 0
     assert room_for(model, (*drifts, *gains, *frictions)) == 2
+    full = (*drifts, *gains, *frictions, "stribeck-friction@left_mps")
+    assert room_for(model, full) == 1  # for the other wheel's
+    twin, other = "stribeck-friction@right_mps", "sensor-lag@left_mps"
+    assert askable(model, full, [twin]) == [twin]
+    assert room_for(model, (*full, twin)) == 0
+    assert askable(model, full[:1], [twin, full[2]]) == [twin, full[2]]
+    fourth = (drifts[0], gains[0], frictions[0], full[-1])
+    assert askable(model, fourth, [drifts[1], twin]) == [drifts[1], twin]
+    assert other not in model.library
 
 
 @pytest.fixture(scope="module")

@@ -240,6 +240,18 @@ def test_of_columns_of_a_log_the_unit_that_columns_toml_gives_is_doubted(gyro, s
     assert ("gyro is in" in note) is not gyro.is_stated
 
 
+def test_of_a_column_whose_unit_nobody_stated_the_system_s_is_doubted():
+    """A first columns.toml has unit = "1" where a log does not say one."""
+    made = joints()
+    columns = dict(made.columns, second=made.columns["second"] * 180.0 / np.pi)
+    origins = {"gyro": Origin("rad/s", True), "second": Origin("1", False)}
+    (note,) = misread(LogModel(Joints(), [Recording("made", made.time_s, columns, origins)]))
+    assert "second is in deg, and not in rad" in note
+    assert "gyro is" not in note
+    stated = dict.fromkeys(("gyro", "second"), Origin("rad", True))
+    assert misread(LogModel(Joints(), [Recording("made", made.time_s, columns, stated)])) == []
+
+
 @pytest.mark.parametrize("is_stated", [False, True])
 def test_no_other_unit_is_looked_for_where_the_log_says_it(is_stated):
     """Motors that do a thousandth of what the arm says look as if they were in another unit."""

@@ -137,6 +137,15 @@ class Delimited(_Table):
     """What lines that are left out begin with; those before the header with # in any case."""
     encoding: Encoding = "utf-8-sig"
 
+    @pydantic.model_validator(mode="after")
+    def _named_cells_alone(self) -> "Delimited":
+        if self.names_in_cells:
+            plain = {"names_in_cells", "skip_rows", "comment", "encoding"}
+            beside = [n for n in self.model_dump(exclude_defaults=True) if n not in plain]
+            if beside:
+                raise ValueError(f"names_in_cells goes without {beside[0]}; delete one of them")
+        return self
+
 
 class Training(_Table):
     """What an episode set needs beside the columns."""

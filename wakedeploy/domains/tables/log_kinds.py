@@ -81,6 +81,9 @@ def of_bags(folder: Path) -> UnusableInput | None:
     old = next((p for p in inside if p.suffix.lower() == ".bag" and p.is_file()), None)
     if old is not None:
         return UnusableInput(f"{old}: {_FOREIGN['.bag'].format(old)}.")
+    packed = next((p for p in inside if p.suffix.lower() == ".zstd" and p.is_file()), None)
+    if packed is not None:
+        return UnusableInput(f"{packed}: {_FOREIGN['.zstd'].format(packed)}.")
     bags = [name for p in inside if p.is_dir() and (name := _bag_in(p))]
     if not bags:
         return None
@@ -93,7 +96,8 @@ def _bag_in(folder: Path) -> str:
     """A folder that is a bag, or its first part where it lacks a metadata.yaml; else nothing."""
     if is_log(folder):
         return folder.name
-    part = min((p.name for p in folder.glob("*.db3")), default="")
+    parts = (p.name for ending in ("db3", "zstd") for p in folder.glob(f"*.{ending}"))
+    part = min(parts, default="")
     return f"{folder.name}/{part}" if part else ""
 
 

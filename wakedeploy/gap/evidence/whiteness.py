@@ -27,13 +27,14 @@ _BANDS = 48
 class Whiteness:
     """Autocorrelation of each channel (C, LAGS) at lags 1…, the statistic, its nominal p value.
 
-    `samples` is how many innovations of a channel they come from.
+    `samples` is how many innovations of the last channel they come from, `counts` of each.
     """
 
     by_channel: FloatArray
     statistic: float
     p_value: float
     samples: int
+    counts: tuple[int, ...] = ()
 
     @property
     def autocorrelation(self) -> FloatArray:
@@ -80,6 +81,7 @@ class Whiteness:
         }
         if len(self.by_channel) > 1:
             content["by_channel"] = self.by_channel.tolist()
+            content["counts"] = list(self.counts)
         return content | {"samples": self.samples}
 
 
@@ -89,17 +91,19 @@ def whiteness(fitted: Fit) -> Whiteness:
     A sample that was not measured or not looked at is left out; the lags pass over it.
     """
     scores = [_seen(score) for score in fitted.slopes.scores]
-    rows, statistic = [], 0.0
+    rows, counts, statistic = [], [], 0.0
     for white in zip(*scores, strict=True):  # one channel in every episode
         products = np.array(
             [[float(w[k:] @ w[: max(len(w) - k, 0)]) for k in range(LAGS + 1)] for w in white]
         )
         total = products.sum(0)
         rows.append(total[1:] / total[0])
-        count = sum(len(w) for w in white)
-        statistic += count * float((rows[-1] ** 2).sum())
+        counts.append(sum(len(w) for w in white))
+        statistic += counts[-1] * float((rows[-1] ** 2).sum())
     freedom = LAGS * len(rows)
-    return Whiteness(np.array(rows), statistic, float(chi2.sf(statistic, freedom)), count)
+    return Whiteness(
+        np.array(rows), statistic, float(chi2.sf(statistic, freedom)), counts[-1], tuple(counts)
+    )
 
 
 def _seen(score: Score) -> list[FloatArray]:

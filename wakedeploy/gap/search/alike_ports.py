@@ -36,7 +36,15 @@ def distinct(model: Comparison, names: Sequence[str]) -> int:
 def room_for(model: Comparison, names: Sequence[str], kinds: int = 1) -> int:
     """How many more effects an answer may name beside these, if `kinds` of them may be others."""
     is_full = distinct(model, names) + kinds > RULES.most_effects
+    is_full &= kinds > 1 or not any(set(model.ports_alike(n)) - set(names) for n in names)
     return 0 if is_full else max(RULES.most_named - len(names), 0)
+
+
+def askable(model: Comparison, names: Sequence[str], untried: Sequence[str]) -> list[str]:
+    """Effects that may be named beside these: all, or at other ports what is named already."""
+    if distinct(model, names) < RULES.most_effects:
+        return [*untried]
+    return [n for n in untried if set(model.ports_alike(n)) & set(names)]
 
 
 @dataclass(frozen=True, eq=False)

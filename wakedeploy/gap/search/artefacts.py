@@ -263,6 +263,7 @@ class White(Part):
     lags: list[int]
     autocorrelation: list[Number]
     by_channel: list[list[Number]] = []
+    counts: list[int] = []  # innovations of each channel, where there are several
     samples: int
 
     @property
@@ -276,7 +277,9 @@ class White(Part):
         As of a first-order process, whose squared autocorrelations φ² + φ⁴ + … sum to φ²/(1 − φ²);
         less the sum that white noise has.
         """
-        sums = [sum(r * r for r in row) - len(row) / self.samples for row in self.rows]
+        counts = self.counts or [self.samples] * len(self.rows)
+        by_channel = zip(self.rows, counts, strict=True)
+        sums = [sum(r * r for r in row) - len(row) / max(n, 1) for row, n in by_channel]
         return [max(each, 0.0) / (1.0 + max(each, 0.0)) for each in sums]
 
 

@@ -20,6 +20,7 @@ from wakedeploy.gap.search.artefacts import (
     Error,
     Forecast,
     Half,
+    Measured,
     Placebo,
     Quantity,
     Repeated,
@@ -76,7 +77,7 @@ def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None
         moved=_moved(outcome.found),
         late=model.late_inputs(outcome.base, outcome.found),
         late_by_a_row=model.late_by_a_row(outcome.found),
-        shifted=model.shifted_inputs(outcome.found) if outcome.found.hypothesis else {},
+        shifted=_shifted(outcome),
         curved=model.curved_inputs([*outcome.found.hypothesis, *outcome.rivals]),
         answered={n: model.inputs_answered(outcome.found, n) for n in outcome.found.hypothesis},
         noise=_noise(outcome.found),
@@ -91,6 +92,14 @@ def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None
         base_theta=theta_of(outcome.base),
         repeated=again,
     )
+
+
+def _shifted(outcome: Named) -> dict[str, Measured]:
+    """What a correction has of the inputs' clocks; it has none where no effect is sure."""
+    sure = set(outcome.found.hypothesis) - set(outcome.rivals)
+    is_in_it = bool(sure) or verdict_of(outcome) in ("named", "class")
+    is_in_it &= bool(outcome.found.hypothesis)
+    return outcome.model.shifted_inputs(outcome.found) if is_in_it else {}
 
 
 def _stated(found: Fit) -> dict[str, float]:

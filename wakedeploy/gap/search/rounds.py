@@ -19,7 +19,7 @@ from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.alike_ports import Twins, room_for, twins
+from wakedeploy.gap.search.alike_ports import Twins, askable, room_for, twins
 from wakedeploy.gap.search.artefacts import Forecast, Ranked, Round
 from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
@@ -88,6 +88,7 @@ def _judged_round(
     """Judge every candidate on top of a fit, best first, and append the round."""
     excluded = {*found.hypothesis, *outcome.withdrawn}
     untried = [n for n in model.effects if n not in excluded]
+    untried = askable(model, found.hypothesis, untried)
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
     stage = f"ranking effects{beside}"
     progress(stage)

@@ -1,7 +1,8 @@
-"""How long a search takes where a system is a simulator that is asked for each point.
+"""How long a search takes, said before it begins.
 
-In: a `LogModel`. Out: a sentence before the search begins, if it is long. Such a search takes
-minutes or a night, by how many joints, ports and samples there are, and nobody guesses which.
+In: a `LogModel`. Out: a sentence, if the search is long. It takes seconds or a night, by how many
+states, ports and samples there are, by how much is missing, and by whether a simulator is asked for
+each point; nobody guesses which.
 """
 
 import time
@@ -15,22 +16,23 @@ _TRIED = 8  # parameter sets that are timed: one alone takes longer than one of 
 # Runs with all parameters moved, by count of what searches did: of a system as it is, of each
 # effect, and how many such searches an answer takes, as halves of the logs are searched, too.
 _OF_BASE, _OF_EFFECT, _SEARCHES = 35.0, 0.6, 2.0
+_SEVERAL = 4.0  # times as long, where several effects are missing: each is a search beside others
 _WORTH_SAYING_S = 300.0
 _HOUR_S = 3600.0
 
 
 def long_search(model: LogModel) -> list[str]:
     """What is said of a search that takes more than a few minutes, and how to shorten it."""
-    if not model.system.costs_by_point:
-        return []
     lasts_s = _lasts_s(model)
-    if lasts_s < _WORTH_SAYING_S:
+    if _SEVERAL * lasts_s < _WORTH_SAYING_S:
         return []
     many = f"{len(model.system.states)} states, {len(model.library)} effects"
+    by_point = ", as each of its points is computed by the simulator"
+    why = by_point if model.system.costs_by_point else ""
     return [
-        f"a search takes about {_rounded(lasts_s)} here ({many}), as each of its points is "
-        f"computed by {model.name} itself. It takes less with fewer ports, constants that are "
-        "exact (spread=0), a lower rate_hz, or a shorter log."
+        f"a search takes about {_rounded(lasts_s)} here ({many}){why}, and up to "
+        f"{_rounded(_SEVERAL * lasts_s)} if several effects are missing. It takes less with fewer "
+        "ports or kinds, constants that are exact (spread=0), a lower rate_hz, or a shorter log."
     ]
 
 
@@ -46,9 +48,12 @@ def _lasts_s(model: LogModel) -> float:
 
 
 def _rounded(seconds: float) -> str:
-    """To what such a guess is worth: 5, 10, 20, 30 and 40 minutes, then hours."""
+    """To what such a guess is worth: 1, 2, 3, 5, 10, 20, 30 and 40 minutes, then hours."""
+    minutes = seconds / 60.0
+    if minutes < 1.5:
+        return "a minute"
     if seconds < 0.75 * _HOUR_S:
-        minutes = seconds / 60.0
-        return f"{5 if minutes < 7.5 else 10 * max(round(minutes / 10.0), 1)} minutes"
+        rounded = next((m for m, most in ((2, 2.5), (3, 4.0), (5, 7.5)) if minutes < most), 0)
+        return f"{rounded or 10 * max(round(minutes / 10.0), 1)} minutes"
     hours = max(round(seconds / _HOUR_S), 1)
     return "an hour" if hours == 1 else f"{hours} hours"

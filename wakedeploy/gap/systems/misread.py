@@ -91,7 +91,7 @@ def _of_forecasts(model: LogModel) -> list[str]:
     """The readings under which errors of forecasts all but vanish, the best and those as good."""
     logs = _Logs.of(model)
     system, before = logs.system, logs.errors()
-    origins = model.recordings[0].origins
+    origins = _origins(model)
     others = [*_in_other_units(system, before, origins), *_exchanged(system, before)]
     if len(others) > _AT_FULL_LENGTH:
         logs = logs.shortened(_AT_FULL_LENGTH / len(others))
@@ -114,6 +114,12 @@ def _of_forecasts(model: LogModel) -> list[str]:
                 "which."
             ]
     return []
+
+
+def _origins(model: LogModel) -> dict[str, Origin]:
+    """What columns were read from, where it is the same in all logs."""
+    first, *others = (recording.origins for recording in model.recordings)
+    return {n: o for n, o in first.items() if all(other.get(n) == o for other in others)}
 
 
 def _joined(words: Sequence[str]) -> str:
@@ -213,11 +219,12 @@ def _readings(what: str, unit: str, origin: Origin | None) -> list[tuple[str, fl
     Two of one scale, as kN and mN, are one.
     """
     said: dict[float, list[str]] = {}
-    read_as = origin.unit if origin is not None else unit
+    is_known = origin is not None and origin.unit not in ("", "1")  # which nobody has stated
+    read_as = origin.unit if origin is not None and is_known else unit
     own, units = read_as or "1", [*_units_of(read_as)]
     for other, scale in units:
         said.setdefault(_rounded(scale), []).append(f"{what} is in {other}, and not in {own}")
-    for other, scale in units if origin is None else ():
+    for other, scale in () if is_known else units:
         if other == _GRAVITIES:  # which no columns.toml can say
             continue
         times = 1.0 / scale
@@ -425,12 +432,12 @@ def _of_scale(
         return []
     scale = float(np.sqrt(np.sum(way**2) / np.sum(own**2)))
     units = {o.name: o.unit for o in model.system.outputs}
-    origins = model.recordings[0].origins
+    origins = _origins(model)
     unsure = [n for n in (place, speed) if n not in origins or not origins[n].is_stated]
     likely = [
         words
         for name, wanted in ((place, 1.0 / scale), (speed, scale))
-        if name in unsure or not unsure
+        if name in unsure
         for words, factor in _readings(name, units[name], origins.get(name))
         if abs(math.log(factor / wanted)) < _OFF_SCALE
     ]

@@ -89,6 +89,7 @@ class DelimitedLog:
         self.path, self._form, self.notes = path, form, list[str]()
         self._lines = array("q")  # of each row, where the first is 1
         self._again = list[int]()  # lines in which the header stands once more
+        self._nameless = list[int]()  # lines that hold no number with its name
         rows = self._rows()
         self.delimiter = form.delimiter or ","
         first = next(rows, None)
@@ -259,6 +260,12 @@ class DelimitedLog:
                 f"{self.path}: its header stands again in line {self._again[0]}{more} and was left "
                 "out there"
             )
+        if self._nameless:
+            more = f" and {len(self._nameless) - 1} more" if len(self._nameless) > 1 else ""
+            self.notes.append(
+                f"{self.path}: line {self._nameless[0]}{more} has no number with its name, and was "
+                "left out"
+            )
         if torn is not None:
             self.notes.append(f"{self.path}: its last line is cut off and was left out")
         if block:
@@ -290,7 +297,8 @@ class DelimitedLog:
             with opened(self.path, self._form.encoding) as file:
                 lines = self._from_header(self._text_lines(file))
                 if self._form.names_in_cells:
-                    yield from named_rows(self.path, lines)
+                    self._nameless = []
+                    yield from named_rows(self.path, lines, self._nameless)
                 else:
                     yield from self._evened(self._parsed(lines))
         except UnicodeError as error:

@@ -113,7 +113,8 @@ def _refuse_compressed(path: Path) -> None:
         raise unreadable(description, error) from error
     if _COMPRESSED.search(text) or (path.is_dir() and any(path.glob("*.zstd"))):
         raise UnusableInput(
-            f"{path}: is a compressed rosbag2; unpack it with `ros2 bag convert`, or record MCAP."
+            f"{path}: is a compressed rosbag2; unpack it by `ros2 bag convert`, its files by"
+            " `zstd -d` where metadata.yaml is lost, or record MCAP."
         )
 
 

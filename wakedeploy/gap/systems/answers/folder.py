@@ -21,7 +21,7 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer, Effect, Forecast, Result, read
 from wakedeploy.gap.search.comparison import theta_from
-from wakedeploy.gap.search.results import constants_of, theta_of
+from wakedeploy.gap.search.results import constants_of
 from wakedeploy.gap.search.sizes import parameters
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.correction import correction_of, write_correction
@@ -46,7 +46,7 @@ class OwnFolder(Folder):
         model.require_effects()
         model.acting(tuple(only))  # says which there are
         super().__init__(model, out, _key(model), model.horizon * model.dt_s, progress)
-        self.log_model, self.only = model, only
+        self.log_model, self.only = model, tuple(dict.fromkeys(only))
         self.later = (*self.later, CORRECTION, PLAN, "power.json", *model.system.exported)
         self.exported: list[str] = []
 
@@ -106,8 +106,8 @@ class OwnFolder(Folder):
     def _with(self, answer: Answer, names: Sequence[str]) -> Fit:
         """The fit of what is sure beside a class, and of these effects."""
         model, found = self.found()
-        sure = [e.name for e in answer.effects if e.name not in (*answer.rivals, *names)]
-        hypothesis = (*sure, *names)
+        sure = [e.name for e in answer.effects if e.name not in answer.rivals or e.name in names]
+        hypothesis = (*sure, *(name for name in names if name not in sure))
         if hypothesis == found.hypothesis:
             return found
         self.progress(f"fitting {', '.join(names)}")
@@ -146,7 +146,6 @@ def _with_effects_of(model: LogModel, answer: Answer, fitted: Fit) -> Answer:
             "parameters": sizes,
             "constants": constants_of(fitted),
             "shifted": model.shifted_inputs(fitted),
-            "found_theta": theta_of(fitted),
         }
     )
 

@@ -78,7 +78,7 @@ def added_sentences(artefact: Artefact, names: Sequence[str]) -> list[str]:
     """What was added because a person asked for it: its size, and all that was fitted beside it."""
     assert isinstance(artefact, Answer)
     return [
-        f"Added as you asked: {listed(names)}, beside what is sure. Fitted together:",
+        f"Added as you asked: {listed([*dict.fromkeys(names)])}. The correction has:",
         *(f"  {effect.name}: {_sizes(effect)}." for effect in artefact.effects),
         *(f"  {shifted_words(name, by)}" for name, by in artefact.shifted.items()),
         *(f"  {line}" for line in constant_words(artefact)),
@@ -346,9 +346,9 @@ def _rejected(answer: Answer) -> list[str]:
     named = {effect.name for effect in answer.effects}
     beside = [searched for searched in answer.rounds if named.issuperset(searched.given)]
     last = (beside or answer.rounds)[-1]
-    before = (
-        "" if last.chosen is None else f"before `{last.chosen}` was named, and not asked since: "
-    )
+    before = ""
+    if last.chosen in named:
+        before = f"before `{last.chosen}` was named, and not asked since: "
     judged = {
         effect.name: f"{before}{effect.judged}"
         for effect in last.ranking[:_MOST_RANKED]

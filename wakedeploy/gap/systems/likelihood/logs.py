@@ -332,8 +332,9 @@ class LogModel(ComparisonDefaults):
         What a named delay of the input has with its own is left out, as are shifts that chance may
         bring or that are next to none.
         """
-        delayed = {e.port.name for e in map(self.library.__getitem__, found.hypothesis)
-                   if e.kind.is_delay}  # fmt: skip
+        acting = map(self.library.__getitem__, found.hypothesis)
+        delayed = {self.system.clocked(e.port.name) for e in acting
+                   if e.kind.is_delay and e.port.role == "input"}  # fmt: skip
         shifted = {}
         for name in (i.name for i in self.system.logged if i.name not in delayed):
             value, (low, high) = found.value(f"clock.{name}"), found.interval(f"clock.{name}")

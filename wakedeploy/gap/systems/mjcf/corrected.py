@@ -52,7 +52,8 @@ def write_corrected(
     write_text_whole(out / CORRECTED, _corrected(written, out))
     rows = [number.row() for number in written.ranges.values()]
     write_text_whole(out / RANGES, tomli_w.dumps({"version": 1, "range": rows}))
-    for name, by in answer.shifted.items():
+    later = {name: by for name, by in answer.shifted.items() if by.value > 0.0}
+    for name, by in later.items():
         written.said.append(
             f"{name} acts {quantity(by.value, 's')} after its stamps by the logs, and {CORRECTED} "
             "has no delay for that"
