@@ -55,6 +55,22 @@ def test_where_nothing_is_missing_the_error_stands_beside_the_noise() -> None:
     assert told["What next?"].startswith("Nothing")
 
 
+def test_a_rig_file_that_the_flights_contradict_is_no_rig_file_to_use_as_it_is() -> None:
+    """Nothing is missing once thrust is a tenth less: then the file is off, or the mass."""
+    bent = {"name": "thrust.sufferer.scale", "fitted": 0.91, "stated": 1.0, "spread": 0.03,
+            "away_sd": 3.0}  # fmt: skip
+    result = {"verdict": "none", "flights": 7, "gap": GAP, "calibration": [bent]}
+    told = asked(result)
+    assert told["Does it matter?"].startswith("No effect does. But the rig file forecasts")
+    assert "only with `thrust.sufferer.scale` as fitted to these flights" in told["Does it matter?"]
+    assert told["What next?"].startswith("Calibrate `thrust.sufferer.scale` again")
+    assert "Weigh the vehicle" in told["What next?"]
+    assert (
+        "But its calibration is off: thrust.sufferer.scale is 1 and should be 0.91."
+        in account(summary(result)).splitlines()[0]
+    )
+
+
 def test_halves_that_disagree_ask_for_more_flights() -> None:
     assert "fly more" in asked(NAMED | {"repeated": {"agree": False}})["How sure is that?"]
     assert "says the same" in asked(NAMED | {"repeated": {"agree": True}})["How sure is that?"]

@@ -50,6 +50,12 @@ def _nothing_matters(summary: Summary) -> str:
     if channel is None:
         return ""
     error, _, noise = gap_values(channel)
+    if summary.calibration:
+        fitted = listed([f"`{bent.name}`" for bent in summary.calibration])
+        return (
+            f"No effect does. But the rig file forecasts the {name} to {error} only with {fitted} "
+            f"as fitted to these flights; noise alone gives {noise}."
+        )
     return f"No: the rig file forecasts the {name} to {error}, and noise alone gives {noise}."
 
 
@@ -133,8 +139,18 @@ def next_step(summary: Summary) -> str:
         return f"{summary.next.why[:1].upper()}{summary.next.why[1:]}."
     if summary.verdict == "named" and summary.to_add:
         return "Simulate and train with the corrected rig file."
+    if summary.verdict == "none" and summary.calibration:
+        return _calibrate([bent.name for bent in summary.calibration])
     if summary.verdict in ("named", "none"):
         return "Nothing: simulate and train with the rig file as it is."
     if summary.verdict == "unknown":
         return "Look where flights and rig file disagree, and fly there more."
     return ""
+
+
+def _calibrate(names: Sequence[str]) -> str:
+    """What to do about constants of the rig file that the flights contradict."""
+    mass = " Weigh the vehicle, too: a mass that is off looks like its thrust."
+    heavy = mass if any(name.startswith("thrust.") for name in names) else ""
+    which = listed([f"`{name}`" for name in names])
+    return f"Calibrate {which} again, and simulate and train with that rig file.{heavy}"

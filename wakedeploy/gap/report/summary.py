@@ -52,8 +52,15 @@ def _verdict_of(summary: Summary) -> str:
     if summary.verdict == "unknown":
         return "Something is missing from the model, and no known effect explains it."
     if summary.verdict == "none":
-        return f"{NOTHING}." if _was_judged(summary) else _NOTHING_AT_ALL
+        nothing = f"{NOTHING}." if _was_judged(summary) else _NOTHING_AT_ALL
+        return f"{nothing}{_but_calibrated(summary)}"
     return "No verdict yet."
+
+
+def _but_calibrated(summary: Summary) -> str:
+    """Which constants of the rig file the flights contradict, though no effect is missing."""
+    off = [f"{b.name} is {b.stated:.3g} and should be {b.fitted:.3g}" for b in summary.calibration]
+    return f" But its calibration is off: {listed(off)}." if off else ""
 
 
 def _was_judged(summary: Summary) -> bool:

@@ -52,7 +52,10 @@ class ThrustCoefficient(Effect):
     """All thrust of the sufferer scaled."""
 
     name = "thrust-coefficient"
-    physics = "The sufferer's thrust is a constant multiple of its calibrated curve."
+    physics = (
+        "The sufferer's thrust is a constant multiple of its calibrated curve; a mass that is off "
+        "looks alike."
+    )
     equation = "T′ = scale · T"
     stage = "actuator"
     parameters = (
