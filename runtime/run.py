@@ -130,6 +130,10 @@ def _flown(
         try:
             with _shown(loop, len(plan) * PERIOD_S, request.rig, shown):
                 report = _fly_recorded(loop, recorder, manager)
+        except UnusableInput:
+            if log is not None and not loop.tally.ticks:  # refused at the start: nothing is in it
+                log.unlink(missing_ok=True)
+            raise
         finally:
             _tell(live, phase="ended", ended=loop.tally.ended or "before take-off")
             if tell is not None and loop.tally.ticks:

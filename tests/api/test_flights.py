@@ -24,6 +24,21 @@ def flights() -> wd.Flights:
     return wd.fly(flights=2, seconds=6, seed=4, workers=1)
 
 
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"seconds": math.nan}, "seconds is nan: give a number from 6 to 3600"),
+        ({"seconds": "20"}, "seconds is '20': give a number"),
+        ({"seconds": -1}, "seconds is -1"),
+        ({"seed": -1}, "seed is -1: give a whole number from 0 on"),
+        ({"seed": 1.5}, "seed is 1.5"),
+    ],
+)
+def test_a_plan_that_no_gantry_flies_is_refused_in_a_sentence(asked, said: str) -> None:
+    with pytest.raises(wd.UnusableInput, match=said):
+        wd.fly(**asked)
+
+
 def test_a_flight_is_the_one_that_the_command_flies(flight: wd.Flight, tmp_path: Path) -> None:
     told = tmp_path / "told.json"
     words = ["run-gantry", "--baseline", "--virtual", "--seconds", "6", "--seed", "4"]

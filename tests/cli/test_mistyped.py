@@ -26,6 +26,17 @@ def test_the_names_are_those_that_there_are() -> None:
 
 
 @pytest.mark.parametrize(
+    "line",
+    ["run-gantry --baseline --virtual --seconds nan", "demo --minutes nan",
+     "calibrate range --rig rig.toml --virtual --height-m nan"],
+)  # fmt: skip
+def test_what_is_no_number_is_refused_like_one_out_of_range(line: str) -> None:
+    done = typed(line)
+    assert done.exit_code == 2
+    assert "'nan' is no number." in done.stderr
+
+
+@pytest.mark.parametrize(
     ("line", "told"),
     [
         ("trian", "Did you mean 'wakedeploy train'?"),

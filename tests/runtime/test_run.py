@@ -241,6 +241,20 @@ def test_a_failsafe_and_a_log_with_holes_are_both_told(cause, said):
         judge(loop, link, ranges, "9 ticks were not recorded", is_virtual=False, is_realtime=False)
 
 
+def test_a_start_that_is_refused_leaves_no_log_in_the_way_of_the_next(tmp_path, monkeypatch):
+    log = tmp_path / "flight.mcap"
+
+    def refuse(armed):
+        raise UnusableInput("The carriage is not at home.")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("runtime.loop.loop.require_home", refuse)
+        with pytest.raises(UnusableInput, match="not at home"):
+            fly(RunRequest(RIG, 6.0, log=log))
+    assert not log.exists()
+    assert fly(RunRequest(RIG, 6.0, log=log)).log == log
+
+
 def test_a_virtual_gantry_with_another_truth_and_hooks_flies_too(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "push.py").write_text(

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+import numbers
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from wakedeploy.core.rig import Rig
 
 SECONDS = 20.0  # of a random plan
+SHORTEST_S, LONGEST_S = 6.0, 3600.0  # of one
 Backend = Literal["onnx", "c"]
 
 
@@ -324,7 +326,7 @@ def fly(
         package: The predictor whose force [N] is fed forward. None: PID alone.
         flights: So many, of seeds from `seed` on, PID alone beside the package. None: one flight.
         rig: The rig, or its file. Default: the default rig.
-        seconds: Of the random plan [s]; 3 s of rest come before and after.
+        seconds: Of the random plan [s], 6 to 3600; 3 s of rest come before and after.
         seed: Of the plan, and of the virtual gantry's chance.
         log: Record here: a file for one flight, a folder for several.
         record: Without a `log`, keep the run log in memory. False: only the errors are known.
@@ -366,6 +368,7 @@ def request_of(
     from runtime.request import RunRequest
     from wakedeploy.core.rig import Rig
 
+    _require_plan(seconds, seed)
     others: dict[str, Any] = dict(place)
     path = _package_path(package)
     if _flies_c(others.pop("backend", None), path):
@@ -383,6 +386,17 @@ def request_of(
         log=path_of(log),
         **others,
     )
+
+
+def _require_plan(seconds: object, seed: object) -> None:
+    """UnusableInput for a random plan that no gantry flies."""
+    is_number = isinstance(seconds, numbers.Real) and not isinstance(seconds, bool)
+    if not is_number or not SHORTEST_S <= float(seconds) <= LONGEST_S:  # type: ignore[arg-type]
+        raise UnusableInput(
+            f"seconds is {seconds!r}: give a number from {SHORTEST_S:g} to {LONGEST_S:g}."
+        )
+    if not isinstance(seed, numbers.Integral) or isinstance(seed, bool) or seed < 0:
+        raise UnusableInput(f"seed is {seed!r}: give a whole number from 0 on.")
 
 
 def _package_path(package: "Predictor | PathLike | None") -> Path | None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.groups import Group
+from wakedeploy.cli.numbers import Within
 from wakedeploy.cli.output import Written, json_option, print_table, progress, write_json
 from wakedeploy.core.errors import CheckFailed
 
@@ -162,10 +163,10 @@ def _judge(rows: "Sequence[BenchRow]", budget_ms: float) -> None:
 
 @command.command()
 @click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
-@click.option("--most", "most_s", type=click.FloatRange(0.01, 1), default=0.15, show_default=True)
-@click.option("--step", "step_s", type=click.FloatRange(0.001, 0.5), default=0.015, help="Seconds.")
+@click.option("--most", "most_s", type=Within(0.01, 1), default=0.15, show_default=True)
+@click.option("--step", "step_s", type=Within(0.001, 0.5), default=0.015, help="Seconds.")
 @click.option("--flights", type=click.IntRange(1, 1000), default=6, show_default=True)
-@click.option("--seconds", type=click.FloatRange(8, 600), default=20.0, show_default=True)
+@click.option("--seconds", type=Within(8, 600), default=20.0, show_default=True)
 @json_option
 def lead(
     rig_path: Path | None,

@@ -5,6 +5,7 @@ import click
 from wakedeploy.cli.calibrate_options import Request, shared_options
 from wakedeploy.cli.flight_options import curve_option, require_curve
 from wakedeploy.cli.groups import Group
+from wakedeploy.cli.numbers import Within
 
 
 @click.group(cls=Group)
@@ -41,7 +42,7 @@ def zero(request: Request) -> None:
 
 
 @command.command(name="range")
-@click.option("--height-m", "heights_m", type=float, multiple=True, required=True,
+@click.option("--height-m", "heights_m", type=Within(), multiple=True, required=True,
               help="A known height above the stop; two or more, 0 is the stop.")  # fmt: skip
 @shared_options
 def range_(request: Request, heights_m: tuple[float, ...]) -> None:
@@ -107,7 +108,7 @@ def latency(request: Request) -> None:
 
 
 @command.command()
-@click.option("--mass-kg", "clips_kg", type=float, multiple=True, required=True,
+@click.option("--mass-kg", "clips_kg", type=Within(), multiple=True, required=True,
               help="A known mass clipped onto the sufferer; 0 is none.")  # fmt: skip
 @curve_option
 @shared_options
@@ -137,9 +138,11 @@ def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> 
 
 
 @command.command()
-@click.option("--distance-m", type=float, help="Where to drive, from home; negative: to the left.")
-@click.option("--measured-m", type=float, help="The distance measured; else it is asked for.")
-@click.option("--hold-s", type=click.FloatRange(3, 600),
+@click.option(
+    "--distance-m", type=Within(), help="Where to drive, from home; negative: to the left."
+)
+@click.option("--measured-m", type=Within(), help="The distance measured; else it is asked for.")
+@click.option("--hold-s", type=Within(3, 600),
               help="How long to stand there and be measured (default: 40).")  # fmt: skip
 @shared_options
 def steps(
@@ -176,7 +179,7 @@ def steps(
         true_m = procedure.steps_out(log) / request.true_rig(rig).stepper.steps_per_m
         measured_m = round(true_m, 3)
     elif measured_m is None:
-        measured_m = float(click.prompt("Measured distance [m]", type=float, err=True))
+        measured_m = float(click.prompt("Measured distance [m]", type=Within(), err=True))
     request.finish(rig, procedure.estimate(log, measured_m, rig))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.groups import Group
+from wakedeploy.cli.numbers import Within
 from wakedeploy.cli.output import json_option, stage_bars, warn
 from wakedeploy.core.discovery import DOMAIN, offers
 from wakedeploy.core.errors import UnusableInput
@@ -23,7 +24,7 @@ _OUT = click.option(
     required=True,
     help="Folder to write.",
 )
-_MINUTES = click.FloatRange(0.1, 10_000)
+_MINUTES = Within(0.1, 10_000)
 
 Describe = Callable[["EpisodeSet", Path, Path | None], None]
 
@@ -144,9 +145,7 @@ def _option(setting: "Setting") -> Callable[..., Any]:
         kind = click.Choice(setting.choices, case_sensitive=False)
         return click.option(flag, setting.name, type=kind, **settings)
     if setting.kind == "number":
-        return click.option(
-            flag, setting.name, type=click.FloatRange(setting.low, setting.high), **settings
-        )
+        return click.option(flag, setting.name, type=Within(setting.low, setting.high), **settings)
     if setting.kind == "rig":
         return click.option(flag, setting.name, type=click.Path(path_type=Path), help=setting.help)
     return click.option(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.many_flights import with_error
+from wakedeploy.cli.numbers import Within
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
@@ -31,11 +32,11 @@ _LATENCY_TICKS = 128  # 4 s: enough to see a busy computer, too few for a verdic
     show_default=True,
     help="Everything the demo makes lies here.",
 )
-@click.option("--minutes", type=click.FloatRange(2, 600), default=MINUTES, show_default=True,
+@click.option("--minutes", type=Within(2, 600), default=MINUTES, show_default=True,
               help="Of simulated flight to train on.")  # fmt: skip
 @click.option("--flights", type=click.IntRange(2, 1000), default=6, show_default=True,
               help="To compare on, in simulated time.")  # fmt: skip
-@click.option("--seconds", type=click.FloatRange(8, 600), default=25.0, show_default=True,
+@click.option("--seconds", type=Within(8, 600), default=25.0, show_default=True,
               help="Of each flight.")  # fmt: skip
 @json_option
 def command(

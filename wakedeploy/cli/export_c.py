@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import click
 
+from wakedeploy.cli.numbers import Within
 from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.core.errors import UnusableInput
 
@@ -56,7 +57,7 @@ def c_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--tolerance",
             "c_tolerance",
-            type=click.FloatRange(0.0, 100.0),
+            type=Within(0.0, 100.0),
             default=_TOLERANCE,
             show_default=True,
             help="Per cent by which rounded weights may make the error grow.",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.numbers import Within
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ _FLIGHT = (
     *_PLACE,
     click.option(
         "--seconds",
-        type=click.FloatRange(6, 3600),
+        type=Within(6, 3600),
         show_default="20",
         help="Of the random plan.",
     ),

@@ -17,6 +17,7 @@ from wakedeploy.cli.groups import Group, same_command
 from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.names import EFFECT
+from wakedeploy.cli.numbers import Within
 from wakedeploy.cli.output import Written
 from wakedeploy.cli.workers import workers_option
 
@@ -123,7 +124,7 @@ def _step_of_rig(of_rig: Callable[..., Any], rig_path: Path, given: dict[str, An
 def _retraining(function: Callable[..., Any]) -> Callable[..., Any]:
     """The options of a step that may train predictors."""
     for option in (
-        click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
+        click.option("--minutes", type=Within(2, 600), default=10.0, show_default=True,
                      help="Simulated flight per predictor, with --retrain."),
         click.option("--retrain", is_flag=True,
                      help="Train a predictor on each rig; compare on the flights shown."),

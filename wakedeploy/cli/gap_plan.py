@@ -8,6 +8,7 @@ import click
 from wakedeploy.cli.gap_system import COLUMNS, SYSTEM
 from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.names import EFFECT
+from wakedeploy.cli.numbers import Within
 from wakedeploy.cli.output import Written, print_table, progress, write_json
 from wakedeploy.cli.workers import workers_option
 from wakedeploy.core.errors import CheckFailed, UnusableInput
@@ -105,7 +106,7 @@ def plan(
 @_MEASURED
 @COLUMNS
 @click.option("--flights", type=click.IntRange(4, 500), default=7, show_default=True)
-@click.option("--seconds", type=click.FloatRange(8, 600), default=20.0, show_default=True)
+@click.option("--seconds", type=Within(8, 600), default=20.0, show_default=True)
 @click.option("--out", type=_FOLDER, help="Write power.json, power.html and figures here.")
 @workers_option()
 @click.option(

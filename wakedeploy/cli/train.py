@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.names import PRESET
+from wakedeploy.cli.numbers import Within
 from wakedeploy.cli.output import (
     json_option,
     mean_and_spread,
@@ -44,9 +45,7 @@ _KEPT = ("last.safetensors", "metrics.json")
 @click.option(
     "--epochs", type=click.IntRange(1, 100_000), help="Default: 60, or those of the --preset."
 )
-@click.option(
-    "--learning-rate", type=click.FloatRange(1e-7, 1), help="Peak. Default: 0.003, Mamba 0.01."
-)
+@click.option("--learning-rate", type=Within(1e-7, 1), help="Peak. Default: 0.003, Mamba 0.01.")
 @click.option(
     "--hyper",
     "hyper",

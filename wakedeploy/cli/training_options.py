@@ -6,12 +6,13 @@ from typing import Any
 import click
 
 from wakedeploy.cli.names import SOME_ARCHITECTURES, OptionOfNames
+from wakedeploy.cli.numbers import Within
 from wakedeploy.core.names import architectures
 
 lead_option = click.option(
     "--lead",
     "lead_s",
-    type=click.FloatRange(0, 10),
+    type=Within(0, 10),
     help="Predict the force this many seconds ahead. Default: what the set states, or 0.",
 )
 

@@ -38,6 +38,7 @@ BELOW_TOP_M = 0.02
 SETTLING_S = 0.3  # of each stretch, in which the filter finds its speed
 SHORTEST_S = 4.0  # of airborne time; a shorter flight says nothing
 _SHORTEST_STRETCH_S = 1.5
+_FEWEST_TICKS = 32  # of a log that may hold a flight
 _LONGEST_GAP_S = 0.5
 _GAP_S = 0.1  # between samples
 _TOLD_GAP_S = 0.125  # between ticks: bridged, and reported
@@ -192,6 +193,9 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
     Raises NotFlown for one that is too short, UnusableInput for one still or broken in time.
     """
     t_s = np.asarray(log["t_s"], float)
+    if len(t_s) <= _FEWEST_TICKS:
+        ticks = counted(len(t_s), "tick")
+        raise _not_flown(name, log, f"it has only {ticks}, where a flight has a thousand")
     notes = _checked_clock(t_s, name)
     flying = np.isin(log["mode"], FLYING)
     if flying.sum() < 2:
@@ -278,8 +282,6 @@ def _require_same_rig(log: RunLog, rig: Rig, name: str) -> None:
 
 def _checked_clock(t_s: FloatArray, name: str) -> tuple[str, ...]:
     steps = np.diff(t_s)
-    if len(steps) < 32:
-        raise UnusableInput(f"{name}: only {len(t_s)} ticks; a flight has a thousand.")
     worst = float(steps.max())
     if worst > _LONGEST_GAP_S:
         at = t_s[int(steps.argmax())]
