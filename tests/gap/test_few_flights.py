@@ -5,6 +5,7 @@ stands 15 cm to one side.
 """
 
 import contextlib
+import dataclasses
 import html
 import itertools
 import json
@@ -34,7 +35,7 @@ from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.systems.gantry.artefacts import Find, Log, Result, Unflown
 from wakedeploy.gap.systems.gantry.find_name_add_show import add, open_case
 from wakedeploy.gap.systems.gantry.findings import Leading, Ranked
-from wakedeploy.gap.systems.gantry.flight import NotFlown
+from wakedeploy.gap.systems.gantry.flight import NotFlown, usable_flights
 from wakedeploy.gap.systems.gantry.folder import read_steps, write
 from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.search.places import places_sentence
@@ -456,6 +457,18 @@ def test_a_log_without_a_flight_is_left_out_and_said_to_be(flights, tmp_path) ->
     assert sentence in account(steps.summary)
     (row,) = (line for line in (out / "report.html").read_text().splitlines() if str(short) in line)
     assert "<td>left out</td>" in row
+
+
+@pytest.mark.parametrize("ticks", [0, 17])
+def test_a_log_of_a_few_ticks_is_left_out_beside_a_flight(flights, tmp_path, ticks: int) -> None:
+    """A start that was refused, or that ended at once."""
+    whole = record(RIG, seconds=5, seed=1).without_truth()
+    few = dataclasses.replace(whole, columns={n: c[:ticks] for n, c in whole.columns.items()})
+    few.write_mcap(tmp_path / "refused.mcap")
+    (flown,) = flights["nothing"]
+    kept, (left_out,) = usable_flights([tmp_path / "refused.mcap", flown], RIG)
+    assert [flight.name for flight in kept] == [str(flown)]
+    assert left_out.sentence.startswith(f"Left out: refused.mcap, it has only {ticks} ticks")
 
 
 def test_logs_that_all_hold_no_flight_are_refused(flights, tmp_path) -> None:
