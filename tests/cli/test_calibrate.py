@@ -15,6 +15,8 @@ from click.testing import CliRunner
 from runtime.calibration import zero
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import calibrate, calibrate_options, main
+from wakedeploy.cli.flight_options import require_curve
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.core.runlog import read_run_log
 from wakedeploy.domains.gantry import record
@@ -247,3 +249,26 @@ def test_a_port_that_is_not_there_is_one_sentence(files) -> None:
     result = calibrated("latency", "--rig", files[0], "--port", missing)
     assert result.exit_code == 2
     assert "no such port" in result.output
+
+
+@pytest.mark.parametrize(
+    ("factor", "port", "is_refused"),
+    [
+        (1.0, "/dev/ttyACM0", True),
+        (1.0002, "/dev/ttyACM0", True),
+        (0.993, "/dev/ttyACM0", True),
+        (1.08, "/dev/ttyACM0", False),
+        (1.0, None, False),
+    ],
+)
+def test_a_rehearsal_on_the_virtual_gantry_calibrates_no_real_motor(
+    factor: float, port: str | None, is_refused: bool
+) -> None:
+    """It finds the estimate again, but for its noise: a real sufferer may still be thrown."""
+    curve = default_rig().thrust.sufferer
+    thrust_n = tuple(factor * each for each in curve.thrust_n)
+    rig = default_rig().changed(thrust={"sufferer": {"thrust_n": thrust_n}})
+    refused = pytest.raises(UnusableInput, match="default gantry's estimate")
+    with refused if is_refused else contextlib.nullcontext():
+        require_curve(rig, Path("desk.toml"), port=port, trusted=False)
+    require_curve(rig, Path("desk.toml"), port=port, trusted=True)

@@ -1,5 +1,6 @@
 """What every command that flies asks for, and what it shows meanwhile."""
 
+import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,10 +14,12 @@ from wakedeploy.core.errors import UnusableInput
 if TYPE_CHECKING:
     from runtime.request import RunRequest, Show
     from wakedeploy.core.rig import Rig
+    from wakedeploy.core.rig_sections import ThrustCurve
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 _BAR_WIDTH = 30
 _DEFAULT_S = 20.0
+_NEXT_TO = 0.02  # share by which a calibration on the virtual gantry may move a thrust
 Command = Callable[..., Any]
 
 _PLACE = (
@@ -125,17 +128,27 @@ def require_place(
 def require_curve(rig: "Rig", path: Path | None, *, port: str | None, trusted: bool) -> None:
     """UnusableInput before a real flight on the default gantry's estimated thrust curve.
 
-    A motor that gives more than the curve says takes off too fast.
+    A motor that gives more than the curve says takes off too fast. What a rehearsal on the virtual
+    gantry calibrates is that curve again, with the noise of the rehearsal.
     """
     from wakedeploy.rig.file import default_rig
 
-    if port and not trusted and rig.thrust.sufferer == default_rig().thrust.sufferer:
+    curve, estimate = rig.thrust.sufferer, default_rig().thrust.sufferer
+    if port and not trusted and _is_nearly(curve, estimate):
         raise UnusableInput(
             f"{path or 'The default rig'}: [thrust.sufferer] is the default gantry's estimate, and "
             "a stronger motor throws the sufferer against the top; enter the curve of a bench or a "
             "data sheet, which wakedeploy calibrate thrust then corrects, or say --trust-curve if "
             "it is right."
         )
+
+
+def _is_nearly(curve: "ThrustCurve", estimate: "ThrustCurve") -> bool:
+    """Whether a thrust curve is another, or that times a factor next to 1."""
+    if curve.pulse_us != estimate.pulse_us:
+        return False
+    pairs = zip(curve.thrust_n, estimate.thrust_n, strict=True)
+    return all(math.isclose(mine, its, rel_tol=_NEXT_TO) for mine, its in pairs)
 
 
 def asked_flight(
