@@ -1,5 +1,6 @@
 """Flying from Python: the same numbers as the command's, the log at hand, pictures that show."""
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -137,3 +138,14 @@ def test_an_effect_is_added_in_the_librarys_units(tmp_path: Path) -> None:
 def test_many_flights_are_not_flown_at_a_port() -> None:
     with pytest.raises(wd.UnusableInput, match="leave port"):
         wd.fly(flights=2, port="/dev/nowhere")
+
+
+def test_a_log_without_a_flight_has_no_error_and_one_that_is_cut_says_so(
+    flight: wd.Flight, tmp_path: Path
+) -> None:
+    log = flight.log
+    few = dataclasses.replace(log, columns={name: c[:5] for name, c in log.columns.items()})
+    cut = dataclasses.replace(few, metadata={**log.metadata, "unfinished": "it was cut off"})
+    assert "0.0 s under control" in repr(dataclasses.replace(flight, log=few, ended=""))
+    assert "RMSE" not in repr(dataclasses.replace(flight, log=few, ended=""))
+    assert repr(dataclasses.replace(flight, log=cut, ended="")).endswith("control, cut off>")

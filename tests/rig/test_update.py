@@ -187,3 +187,9 @@ def test_of_two_calibrations_that_end_at_once_neither_loses_its_value(rig_file, 
     other.join(60)
     assert {"latency.round_trip_s", "range_sensor.bias_m"} <= set(read_rig(rig_file).calibration)
     assert [*rig_file.parent.iterdir()] == [rig_file]
+
+
+def test_a_name_that_is_another_stands_beside_the_one_that_is_missing() -> None:
+    text = default_rig_text().replace("mass_kg = 0.45", "mass_g = 450")
+    with pytest.raises(UnusableInput, match="mass_kg is missing, and mass_g is not known"):
+        parse_rig(text, "rig.toml")

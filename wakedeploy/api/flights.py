@@ -128,8 +128,10 @@ class Flight:
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path}"
         ended = f", ended {self.ended}" if self.ended else ""
-        flight = f"{len(self)} ticks, {self.summary.flying_s:.1f} s under control"
-        return f"<Flight{name}: {flight}, RMSE {self.rmse_mm:.1f} mm{ended}>"
+        flying_s, cut = self.summary.flying_s, "unfinished" in self.log.metadata
+        error = f", RMSE {self.rmse_mm:.1f} mm" if flying_s > 0.0 else ""
+        flight = f"{len(self)} ticks, {flying_s:.1f} s under control{error}{ended}"
+        return f"<Flight{name}: {flight}{', cut off' if cut else ''}>"
 
     def _repr_png_(self) -> bytes:
         return figures.png_of(self.plot())

@@ -12,7 +12,11 @@ def first_problem(error: pydantic.ValidationError) -> str:
     if problem["type"] == "extra_forbidden":
         return f"{place} is not known"
     if problem["type"] == "missing":
-        return f"{place} is missing"
+        beside = (e for e in error.errors() if e["type"] == "extra_forbidden")
+        near = [e["loc"][-1] for e in beside if e["loc"][:-1] == problem["loc"][:-1]]
+        return f"{place} is missing" + (
+            f", and {_shown(str(near[0]))} is not known" if near else ""
+        )
     given = problem["input"]
     shown = f" = {_shown(repr(given))}" if isinstance(given, int | float | str) and place else ""
     message = _shown(problem["msg"].removeprefix("Value error, "))
