@@ -28,7 +28,7 @@ def flights() -> wd.Flights:
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({"seconds": math.nan}, "seconds is nan: give a number from 6 to 3600"),
+        ({"seconds": math.nan}, "seconds is nan: give a number from 1 to 3600"),
         ({"seconds": "20"}, "seconds is '20': give a number"),
         ({"seconds": -1}, "seconds is -1"),
         ({"seed": -1}, "seed is -1: give a whole number from 0 on"),

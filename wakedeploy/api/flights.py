@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from wakedeploy.core.rig import Rig
 
 SECONDS = 20.0  # of a random plan
-SHORTEST_S, LONGEST_S = 6.0, 3600.0  # of one
+SHORTEST_S, LONGEST_S = 1.0, 3600.0  # of one
 Backend = Literal["onnx", "c"]
 
 
@@ -328,7 +328,7 @@ def fly(
         package: The predictor whose force [N] is fed forward. None: PID alone.
         flights: So many, of seeds from `seed` on, PID alone beside the package. None: one flight.
         rig: The rig, or its file. Default: the default rig.
-        seconds: Of the random plan [s], 6 to 3600; 3 s of rest come before and after.
+        seconds: Of the random plan [s], 1 to 3600; 3 s of rest come before and after.
         seed: Of the plan, and of the virtual gantry's chance.
         log: Record here: a file for one flight, a folder for several.
         record: Without a `log`, keep the run log in memory. False: only the errors are known.
