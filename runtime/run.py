@@ -128,12 +128,8 @@ def _flown(
         # A thread beside a loop of real-time priority is what that is to prevent.
         shown = None if place.is_realtime else show
         try:
-            with _shown(loop, len(plan) * PERIOD_S, request.rig, shown):
+            with _shown(loop, len(plan) * PERIOD_S, request.rig, shown), _no_log_of_nothing(loop):
                 report = _fly_recorded(loop, recorder, manager)
-        except UnusableInput:
-            if log is not None and not loop.tally.ticks:  # refused at the start: nothing is in it
-                log.unlink(missing_ok=True)
-            raise
         finally:
             _tell(live, phase="ended", ended=loop.tally.ended or "before take-off")
             if tell is not None and loop.tally.ticks:
@@ -297,6 +293,17 @@ def _fly_recorded(
             manager.stopping(f"ended: {loop.tally.ended or 'before take-off'}")
             report = recorder.close() if recorder else None
     return report
+
+
+@contextlib.contextmanager
+def _no_log_of_nothing(loop: Loop) -> Iterator[None]:
+    """A start that is refused leaves no log: it would stand in the way of the next one."""
+    try:
+        yield
+    except UnusableInput:
+        if loop.tally.log is not None and not loop.tally.ticks:
+            loop.tally.log.unlink(missing_ok=True)
+        raise
 
 
 @contextlib.contextmanager

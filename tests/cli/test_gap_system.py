@@ -9,9 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from made_answers import answer_with
 
 from wakedeploy.cli.data import command as data_command
 from wakedeploy.cli.gap import command
+from wakedeploy.cli.gap_system import _following
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.gap.search.artefacts import Answer
@@ -461,3 +463,23 @@ def test_a_further_log_is_called_as_one_of_its_format(measured, further):
     )
     (told,) = next_commands(result, Path("robot.py"), [Path(measured)], None, Path("gap"))
     assert f" --measured {further} " in told
+
+
+@pytest.mark.parametrize(
+    ("step", "verdict", "command", "following"),
+    [
+        ("find", None, "wakedeploy gap find --system a.py --json 'a b.json' --out g",
+         "wakedeploy gap name --system a.py --out g"),
+        ("find", None, "wakedeploy gap find --json=x.json --system 'my find.py'",
+         "wakedeploy gap name --system 'my find.py'"),
+        ("name", "named", "wakedeploy gap name --system a.py", "wakedeploy gap add --system a.py"),
+        ("name", "class", "wakedeploy gap name --system a.py", None),
+        ("name", "none", "wakedeploy gap name --system a.py", None),
+        ("add", "named", "wakedeploy gap add --system a.py", None),
+    ],
+)  # fmt: skip
+def test_a_step_says_which_command_follows_where_one_does(
+    step: str, verdict: str | None, command: str, following: str | None
+) -> None:
+    told = None if verdict is None else answer_with(verdict, {}, {})
+    assert _following(step, SimpleNamespace(told=told), command) == following

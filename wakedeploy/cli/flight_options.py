@@ -136,10 +136,10 @@ def require_curve(rig: "Rig", path: Path | None, *, port: str | None, trusted: b
     curve, estimate = rig.thrust.sufferer, default_rig().thrust.sufferer
     if port and not trusted and _is_nearly(curve, estimate):
         raise UnusableInput(
-            f"{path or 'The default rig'}: [thrust.sufferer] is the default gantry's estimate, and "
-            "a stronger motor throws the sufferer against the top; enter the curve of a bench or a "
-            "data sheet, which wakedeploy calibrate thrust then corrects, or say --trust-curve if "
-            "it is right."
+            f"{path or 'The default rig'}: [thrust.sufferer] is the default gantry's estimate, or "
+            "next to it as after a rehearsal, and a stronger motor throws the sufferer against the "
+            "top; enter the curve of a bench or a data sheet, which wakedeploy calibrate thrust "
+            "then corrects, or say --trust-curve if it is right."
         )
 
 

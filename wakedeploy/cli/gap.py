@@ -422,7 +422,8 @@ def _say_what_is_left(step: str, rig_path: Path, measured: tuple[Path, ...], out
     elif steps.find is not None and steps.missing is not None:
         said = f"finished steps are kept; go on with:\n{command(steps.missing, steps.option)}"
     else:
-        said = f"no step is finished; thresholds that were simulated are kept:\n{same_command()}"
+        kept = "no step is finished; thresholds that were simulated are kept"
+        said = f"{kept}. Go on with:\n{same_command()}"
     click.echo(f"{out}: {said}", err=True)
 
 

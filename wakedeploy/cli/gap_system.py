@@ -1,6 +1,5 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
-import re
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -221,8 +220,12 @@ def _following(step: str, taken: "Taken", command: str) -> str | None:
     later = "name" if step == "find" else "add" if step == "name" and is_named else ""
     if not later or f" gap {step} " not in command:
         return None
-    without_json = re.sub(r" --json(=| )\S+", "", command)
-    return without_json.replace(f" gap {step} ", f" gap {later} ", 1)
+    words = shlex.split(command)
+    if "--json" in words:  # it has what this step said
+        at = words.index("--json")
+        del words[at : at + 2]
+    kept = shlex.join(word for word in words if not word.startswith("--json="))
+    return kept.replace(f" gap {step} ", f" gap {later} ", 1)
 
 
 def _tell(taken: "Taken", out: Path, only: tuple[str, ...], *, is_added: bool) -> None:
