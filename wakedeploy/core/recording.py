@@ -24,6 +24,8 @@ class Recording:
     `time_s` (T,) rises in equal steps [s]; each of `columns` is (T,), by the name that the user's
     system gives it and in its unit. A sample that was not measured is NaN. `origins` says of the
     columns of a log what they were read from; nothing of those that had a factor of their own.
+    `clocks` says which columns were stamped together: those of one clock's name are, as are all
+    columns that it does not name.
 
     Raises UnusableInput for columns of another length, or fewer than two samples.
     """
@@ -32,6 +34,7 @@ class Recording:
     time_s: NDArray[np.float64]
     columns: Mapping[str, NDArray[np.float64]]
     origins: Mapping[str, Origin] = field(default_factory=dict)
+    clocks: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.time_s) < 2:

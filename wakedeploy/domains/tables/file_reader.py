@@ -72,10 +72,12 @@ class FileReader:
     _logs: dict[str, Log] = field(default_factory=dict)
     _remarks: Remarks = field(default_factory=Remarks)
     _origins: dict[str, Origin] = field(default_factory=dict)
+    _clocks: dict[str, str] = field(default_factory=dict)
 
     def recordings(self) -> Iterator[Recording]:
         """Its pieces in their order; UnusableInput where there is none."""
         places = {name: self._place(column) for name, column in self.wanted.items()}
+        self._clocks |= {name: place.stamped_by for name, place in places.items()}
         raw = self._raw(places.values())
         self.notes += [note for log in self._logs.values() for note in log.notes]
         self.notes += self._doubted_units(places)
@@ -419,7 +421,9 @@ class FileReader:
             if self.columns.resample is None
             else self._resampled(series, start_s, end_s)
         )
-        return Recording(name, *sampled, self._origins) if len(sampled[0]) > 1 else None
+        return (
+            Recording(name, *sampled, self._origins, self._clocks) if len(sampled[0]) > 1 else None
+        )
 
     def _as_recorded(
         self, series: Sequence[Series], start_s: float, end_s: float

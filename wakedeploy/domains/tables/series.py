@@ -30,6 +30,11 @@ class Place:
     clock: Clock | None
     addresses: tuple[str, ...]
 
+    @property
+    def stamped_by(self) -> str:
+        """What columns that were stamped together share: file and clock."""
+        return f"{self.log.path.name}:{self.clock.address if self.clock else ''}"
+
     def row(self, index: int) -> str:
         """What a row of it is called."""
         return self.log.place(self.addresses[0], index)

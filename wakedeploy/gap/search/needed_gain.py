@@ -24,12 +24,15 @@ class Chance(NamedTuple):
     without_loud_nats: float
 
 
-def needed_nats(effect: Candidate, chance: Chance, tried: int) -> float:
+def needed_nats(
+    effect: Candidate, chance: Chance, tried: int = 1, alarms: float = RULES.steady_alarms
+) -> float:
     """What an effect has to gain [nats] if `tried` effects were tried.
 
     A few loud moments raise what chance brings for every effect, by the gain of the one that acts
     just then. An effect that gains in block after block owes that to no moment: by the spread of
     its own gains (Student's t, shared among all that were tried) a smaller gain makes it evident.
+    `alarms` is the share of cases without any effect in which one may be.
     Mostly small gains with a rare large loss would pass for steady where no block has such a loss;
     sealed blocks are asked besides.
     """
@@ -40,7 +43,7 @@ def needed_nats(effect: Candidate, chance: Chance, tried: int) -> float:
     if by_data <= chance.without_loud_nats:
         return chance.nats
     by_chance = float(ttest_1samp(gains, 0.0, alternative="greater").pvalue)
-    is_steady = by_chance * max(tried, 1) < RULES.steady_alarms
+    is_steady = by_chance * max(tried, 1) < alarms
     return chance.without_loud_nats if is_steady else chance.nats
 
 

@@ -30,20 +30,20 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
     """The outcome without effects that later ones made superfluous.
 
     What was named first took what is another's, and that one was fitted beside it. So where both
-    change outputs alike, the other also begins anew.
+    change outputs alike, the other also begins anew. Only this one effect is asked, not the best of
+    all: one in twenty of those that are superfluous may seem needed.
     """
     found = outcome.found
     if not outcome.rounds:
         return outcome
     chance = max(map(chance_of, outcome.rounds))
-    tried = max(len(r.ranking) for r in outcome.rounds)
     for name in found.hypothesis[:-1]:
         alike = _alike(found, name)
         if not alike and _evident_by_size(found, name) > RULES.plain_times * chance.nats:
             continue
         without = _best_without(model, outcome.base, found, name, alike)
         again = candidate(without, name, found, model)
-        needed = needed_nats(again, chance, tried)
+        needed = needed_nats(again, chance, alarms=RULES.false_alarms)
         if again.gains.sum() <= needed or not is_shared(again, needed):
             found = without
     return left_of(outcome, found)

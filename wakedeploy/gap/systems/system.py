@@ -278,6 +278,7 @@ class StateSpace:
     exported: ClassVar[Sequence[str]] = ()
 
     correction: "Correction | None" = None
+    shared_clocks: Mapping[str, str] = {}
 
     def __repr__(self) -> str:
         """Its name and what goes in and out."""
@@ -338,11 +339,13 @@ class StateSpace:
         return found
 
     def clocked(self, name: str) -> str:
-        """The input whose clock one has: its own, or of a law that of its only source, else ""."""
-        sources = self.made_of.get(name)
-        if sources is None:
-            return name
-        return sources[0] if len(sources) == 1 else ""
+        """The input whose clock one has, "" for none.
+
+        Its own, or that of the first input that the log stamps together with it. A law has that of
+        its sources, if it is one.
+        """
+        clocks = {self.shared_clocks.get(n, n) for n in self.made_of.get(name, (name,))}
+        return clocks.pop() if len(clocks) == 1 else ""
 
     def made(self, stated: Input, logged: Mapping[str, FloatArray]) -> FloatArray:
         """What the law of an input makes of logged ones, of their shape."""

@@ -102,7 +102,9 @@ class Acting:
                     column = np.repeat(held, in_sample)
                 else:
                     column = kind.filtered(column, p, step_s)
-        return shifted(column, float(values.get(f"clock.{name}", 0.0)) / step_s)
+        if stated.law is not None:
+            return column  # what it is made of is shifted already
+        return shifted(column, float(self._clock_s(name, values)) / step_s)
 
     def _made(self, stated: Input, driving: FloatArray, values: Arrays) -> FloatArray:
         """What a law makes of the logged inputs after all that acts on them."""
@@ -114,7 +116,7 @@ class Acting:
         acting = (e for e in self._of["input"] if e.port.name == name)
         parameters = tuple(f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
         if self._inputs[name][1].law is None:
-            return (f"clock.{name}", *parameters)
+            return (f"clock.{self.system.clocked(name)}", *parameters)
         before = (n for logged in self.system.logged for n in self.depends(logged.name))
         return (*before, *parameters)
 

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wakedeploy.core.recording import Recording
 from wakedeploy.core.units import same_unit
 from wakedeploy.gap.evidence.fits import Fit, FloatArray
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.likelihood.blocks import Log
 from wakedeploy.gap.systems.likelihood.filter import Filter
+from wakedeploy.gap.systems.system import StateSpace
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
@@ -28,6 +30,21 @@ _LIKELY = 3
 _EARLIER, _LATER = 1, -1
 _TOGETHER = 0.5  # correlation of inputs, or of their changes, that follow one controller
 _ONE_ROW = 0.2  # of a sample: a delay this near to one sample counts as one row
+
+
+def shared_clocks(system: StateSpace, recordings: Sequence[Recording]) -> dict[str, str]:
+    """By input the first that the logs stamp together with it, where that is another.
+
+    A controller's commands of one row are; one that is measured has a sensor of its own.
+    """
+    first: dict[tuple[str, ...], str] = {}
+    shared = {}
+    for stated in (i for i in system.logged if i.is_commanded):
+        clocks = tuple(r.clocks.get(stated.name, "") for r in recordings)
+        leader = first.setdefault(clocks, stated.name)
+        if leader != stated.name:
+            shared[stated.name] = leader
+    return shared
 
 
 def late_inputs(model: "LogModel", base: Fit, found: Fit | None = None) -> dict[str, float]:

@@ -23,7 +23,11 @@ from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
 from wakedeploy.gap.systems.kinds.library import Effect, held_by, offered, ports_alike, rate_unit
 from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of, pieces_of
-from wakedeploy.gap.systems.likelihood.clocks import late_by_a_row, late_inputs
+from wakedeploy.gap.systems.likelihood.clocks import (
+    late_by_a_row,
+    late_inputs,
+    shared_clocks,
+)
 from wakedeploy.gap.systems.likelihood.curves import curves, taken_for
 from wakedeploy.gap.systems.likelihood.filter import Filter, Run, Start
 from wakedeploy.gap.systems.likelihood.initial_states import InitialStates, initial_states
@@ -62,7 +66,9 @@ class LogModel(ComparisonDefaults):
     def __init__(
         self, system: StateSpace, recordings: Sequence[Recording], outliers: float | None = None
     ) -> None:
-        self.system, self.name = system, system.name
+        # A copy: which inputs share a clock is these logs' own.
+        self.system, self.name = copy.copy(system), system.name
+        self.system.shared_clocks = shared_clocks(system, recordings)
         self.recordings = tuple(recordings)
         share = system.outlier_share if outliers is None else outliers
         read = logs_of(system, recordings)
@@ -329,18 +335,27 @@ class LogModel(ComparisonDefaults):
     def shifted_inputs(self, found: Fit) -> dict[str, Measured]:
         """By how much inputs surely act later than their stamps [s]; negative for sooner.
 
-        What a named delay of the input has with its own is left out, as are shifts that chance may
-        bring or that are next to none.
+        What named delays of all inputs of a clock have with it is left out, as are shifts that
+        chance may bring or that are next to none.
         """
         acting = map(self.library.__getitem__, found.hypothesis)
-        delayed = {self.system.clocked(e.port.name) for e in acting
-                   if e.kind.is_delay and e.port.role == "input"}  # fmt: skip
-        shifted = {}
-        for name in (i.name for i in self.system.logged if i.name not in delayed):
-            value, (low, high) = found.value(f"clock.{name}"), found.interval(f"clock.{name}")
-            if low * high > 0.0 and abs(value) > _SHIFTED * self.dt_s:
-                shifted[name] = Measured(value=value, low=low, high=high, unit="s")
+        delayed = {e.port.name for e in acting if e.kind.is_delay and e.port.role == "input"}
+        delayed |= {n for name in delayed for n in self.system.made_of.get(name, ())}
+        shifted: dict[str, Measured] = {}
+        for clock, names in self._stamped_together().items():
+            value, (low, high) = found.value(f"clock.{clock}"), found.interval(f"clock.{clock}")
+            is_shown = low * high > 0.0 and abs(value) > _SHIFTED * self.dt_s
+            if is_shown and not delayed.issuperset(names):
+                late = Measured(value=value, low=low, high=high, unit="s")
+                shifted |= dict.fromkeys(names, late)
         return shifted
+
+    def _stamped_together(self) -> dict[str, list[str]]:
+        """The logged inputs of each clock, by its first."""
+        together: dict[str, list[str]] = {}
+        for stated in self.system.logged:
+            together.setdefault(self.system.clocked(stated.name), []).append(stated.name)
+        return together
 
     def curved_inputs(self, named: Sequence[str]) -> list[str]:
         """Inputs that act by a curve, if a named effect says that they or an output are slow.
@@ -478,11 +493,14 @@ class LogModel(ComparisonDefaults):
         ]
 
     def _clocks(self) -> list[Free]:
-        """Clocks: an input may act up to half a sample sooner or later than its row says."""
+        """Clocks: an input may act up to half a sample sooner or later than its row says.
+
+        Commands of one row do so alike: one that acts later than another has a delay.
+        """
         half = 0.5 * self.dt_s
         return [
-            Free(f"clock.{i.name}", "s", 0.0, half / 3.0**0.5, -half, half, 0.02 * self.dt_s)
-            for i in self.system.logged
+            Free(f"clock.{name}", "s", 0.0, half / 3.0**0.5, -half, half, 0.02 * self.dt_s)
+            for name in self._stamped_together()
         ]
 
     def _constants(self) -> list[Free]:
