@@ -25,8 +25,12 @@ class ThreeDrones(System):
     rate_hz = 50.0
     inputs = [
         *(Input(f"thrust_{i}_n", "N") for i in range(1, 5)),
-        *(Input(name, "m") for name in ("x_m", "y_m")),
-        *(Input(f"{who}_{axis}_m", "m") for who in ("first", "second") for axis in "xyz"),
+        *(Input(name, "m", is_commanded=False) for name in ("x_m", "y_m")),
+        *(
+            Input(f"{who}_{axis}_m", "m", is_commanded=False)
+            for who in ("first", "second")
+            for axis in "xyz"
+        ),
     ]
     states = {"height_m": "m", "climb_mps": "m/s"}
     outputs = [Output("height_m", "m", noise=1e-3)]

@@ -35,13 +35,13 @@ _ONE_ROW = 0.2  # of a sample: a delay this near to one sample counts as one row
 def shared_clocks(system: StateSpace, recordings: Sequence[Recording]) -> dict[str, str]:
     """By input the first that the logs stamp together with it, where that is another.
 
-    A controller's commands of one row are; one that is measured has a sensor of its own.
+    The commands of one row are, as are its measured inputs: sensors have delays of their own.
     """
-    first: dict[tuple[str, ...], str] = {}
+    first: dict[tuple[bool, tuple[str, ...]], str] = {}
     shared = {}
-    for stated in (i for i in system.logged if i.is_commanded):
+    for stated in system.logged:
         clocks = tuple(r.clocks.get(stated.name, "") for r in recordings)
-        leader = first.setdefault(clocks, stated.name)
+        leader = first.setdefault((stated.is_commanded, clocks), stated.name)
         if leader != stated.name:
             shared[stated.name] = leader
     return shared
