@@ -58,6 +58,15 @@ def test_the_more_effects_are_tried_the_steadier_one_has_to_be():
     assert needed_nats(effect, CHANCE, 500) == CHANCE.nats
 
 
+def test_one_effect_that_is_asked_whether_it_is_needed_may_gain_less_steadily():
+    """It is not the best of all: one in twenty that are superfluous may seem needed."""
+    effect = _effect(5.4, 2.6, -0.6, 2.5, -0.6, 3.2, 0.2, 1.4, -1.3, 3.3, -0.5, 2.2)  # p = 0.015
+    assert needed_nats(effect, CHANCE, 33) == CHANCE.nats
+    assert needed_nats(effect, CHANCE, alarms=RULES.false_alarms) == QUIET
+    lucky = _effect(9.0, 2.6, -0.6, 2.5, -2.6, 3.2, -3.2, 1.4, -1.3, 3.3, -2.5, 2.2)
+    assert needed_nats(lucky, CHANCE, alarms=RULES.false_alarms) == CHANCE.nats
+
+
 @pytest.mark.whole
 def test_gains_of_noise_are_seldom_steady():
     """Of searches over forty effects without any truth, about one in a hundred has a steady one."""

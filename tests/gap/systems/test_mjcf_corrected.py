@@ -415,7 +415,7 @@ def test_an_input_that_acts_after_its_stamps_is_said_to_have_no_delay(tmp_path: 
     told = answered(("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}))
     late = {"drive_command": Measured(value=0.01, low=0.008, high=0.01, unit="s")}
     said = system.export(told.model_copy(update={"shifted": late}), tmp_path / "out")
-    assert any("drive_command acts 10.0 ms after its stamps" in line for line in said)
+    assert any("drive_command acts 10.0 ms after the logs' stamps" in line for line in said)
 
 
 def test_a_value_that_nobody_measured_widens_no_range(tmp_path: Path) -> None:

@@ -419,6 +419,18 @@ class Answer(Artefact):
     base_theta: dict[str, Number] = {}
     repeated: Repeated[Half] | None = None
 
+    @property
+    def shifted_together(self) -> list[tuple[list[str], Measured]]:
+        """The inputs that are `shifted`, those that are so alike as one."""
+        together: list[tuple[list[str], Measured]] = []
+        for name, by in self.shifted.items():
+            names = next((names for names, other in together if other == by), None)
+            if names is None:
+                together.append(([name], by))
+            else:
+                names.append(name)
+        return together
+
 
 class BeforeAfter(Artefact):
     """The gap on sealed episodes before and after, as domain.json has it beside the answer."""

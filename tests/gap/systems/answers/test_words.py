@@ -212,6 +212,16 @@ def test_what_a_fit_took_for_the_log_s_clock_is_said(by_s, said: str) -> None:
     assert ("that is a delay of the system" in screen) is (value > 0.0)
 
 
+def test_inputs_of_one_clock_are_told_together() -> None:
+    by = {"value": 0.01, "low": 0.008, "high": 0.012, "unit": "s"}
+    other = {"value": -0.004, "low": -0.005, "high": -0.003, "unit": "s"}
+    effects = [{"name": LAG, "parameters": {}, "forecast": SHARE}]
+    shifted = {"bow": by, "wind": other, "stern": by}
+    screen = " ".join(sentences(result(effects=effects, shifted=shifted)))
+    assert "bow and stern act 10.0 ms (8.0 to 12.0) after their stamps, which" in screen
+    assert "wind acts 4.0 ms (3.0 to 5.0) before its stamps, which" in screen
+
+
 def test_a_rival_is_not_listed_as_unnamed() -> None:
     """It alone improves forecasts hardly, and still no log tells it from the one that does."""
     first = ranked({"mass@v": 40.0, LAG: 90.0, "stop@v": 20.0}, [])

@@ -80,7 +80,7 @@ def added_sentences(artefact: Artefact, names: Sequence[str]) -> list[str]:
     return [
         f"Added as you asked: {listed([*dict.fromkeys(names)])}. The correction has:",
         *(f"  {effect.name}: {_sizes(effect)}." for effect in artefact.effects),
-        *(f"  {shifted_words(name, by)}" for name, by in artefact.shifted.items()),
+        *(f"  {shifted_words(inputs, by)}" for inputs, by in artefact.shifted_together),
         *(f"  {line}" for line in constant_words(artefact)),
     ]
 
@@ -111,7 +111,7 @@ def remarks(answer: Answer) -> list[str]:
     return [
         *far,
         *repeated_sentences(answer),
-        *(shifted_words(name, by) for name, by in answer.shifted.items()),
+        *(shifted_words(inputs, by) for inputs, by in answer.shifted_together),
         *_unsettled(answer),
         *_unexplained(answer),
         *_nearest(answer),
@@ -119,14 +119,16 @@ def remarks(answer: Answer) -> list[str]:
     ]
 
 
-def shifted_words(name: str, by: Measured) -> str:
-    """How late an input acts by its stamps, and that it may be a delay."""
+def shifted_words(inputs: Sequence[str], by: Measured) -> str:
+    """How late inputs of one clock act by its stamps, and that it may be a delay."""
     way = "after" if by.value > 0.0 else "before"
     low, high = sorted((abs(by.low), abs(by.high)))
     delay = " If the stamps are right, that is a delay of the system." if by.value > 0.0 else ""
     size = measured(abs(by.value), low, high, by.unit)
+    verb, whose = ("acts", "its") if len(inputs) == 1 else ("act", "their")
     return (
-        f"{name} acts {size} {way} its stamps, which the fit took for the log's clock; the "
+        f"{listed(inputs)} {verb} {size} {way} {whose} stamps, which the "
+        "fit took for the log's clock; the "
         f"correction has it as clocks_s.{delay}"
     )
 

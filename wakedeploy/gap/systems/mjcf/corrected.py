@@ -30,7 +30,7 @@ from wakedeploy.gap.systems.mjcf.ranges import (
 )
 from wakedeploy.gap.systems.mjcf.reading import read_spec
 from wakedeploy.gap.systems.system import Constant
-from wakedeploy.gap.wording import quantity
+from wakedeploy.gap.wording import listed, quantity
 
 _LINEAR = 1  # interpolation between the commands that an actuator remembers
 
@@ -52,12 +52,13 @@ def write_corrected(
     write_text_whole(out / CORRECTED, _corrected(written, out))
     rows = [number.row() for number in written.ranges.values()]
     write_text_whole(out / RANGES, tomli_w.dumps({"version": 1, "range": rows}))
-    later = {name: by for name, by in answer.shifted.items() if by.value > 0.0}
-    for name, by in later.items():
-        written.said.append(
-            f"{name} acts {quantity(by.value, 's')} after its stamps by the logs, and {CORRECTED} "
-            "has no delay for that"
-        )
+    for inputs, by in answer.shifted_together:
+        if by.value > 0.0:
+            acts = "acts" if len(inputs) == 1 else "act"
+            written.said.append(
+                f"{listed(inputs)} {acts} {quantity(by.value, 's')} after the logs' stamps, and "
+                f"{CORRECTED} has no delay for that"
+            )
     lines = [f"MJCF: {out / CORRECTED}, and what to randomise: {out / RANGES}"]
     absent = [f"{sentence}; {CORRECTED} is without it." for sentence in written.absent]
     return lines + [f"  {sentence}" for sentence in (*written.said, *absent)]
