@@ -291,7 +291,7 @@ def _fly_recorded(
         finally:
             # No beats from here.
             manager.stopping(f"ended: {loop.tally.ended or 'before take-off'}")
-            report = recorder.close() if recorder else None
+            report = recorder.close(loop.tally.ended) if recorder else None
     return report
 
 
@@ -337,6 +337,7 @@ def _stopping_by_hand(loop: Loop) -> Iterator[None]:
 
     def ask(number: int, frame: types.FrameType | None) -> None:
         if loop.stop_asked and number == signal.SIGINT:
+            loop.is_dropped = True
             raise KeyboardInterrupt
         loop.stop_asked = True
 

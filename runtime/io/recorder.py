@@ -16,7 +16,7 @@ from runtime.io.realtime import yield_to_the_loop
 from wakedeploy.core.errors import UnusableInput, is_full, why
 from wakedeploy.core.files import begun
 from wakedeploy.core.runlog_columns import Value
-from wakedeploy.core.runlog_mcap import RunLogWriter
+from wakedeploy.core.runlog_mcap import RunLogWriter, read_mcap
 
 QUEUE_SIZE = 32 * 60  # a minute of ticks: SD cards stall for hundreds of milliseconds, not minutes
 SYNC_S = 1.0
@@ -64,6 +64,7 @@ class Recorder:
         self._offered = self._taken = 0
         self._error: str | None = None
         self._report: RecorderReport | None = None
+        self._ended = ""
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -94,14 +95,20 @@ class Recorder:
                 self._queue.put((stamp_ns, row), timeout=SYNC_S)
                 return
 
-    def close(self) -> RecorderReport:
-        """Write what still waits, end the file, and report; a second time, only report."""
+    def close(self, ended: str = "") -> RecorderReport:
+        """Write what still waits and how the run `ended`, and report; a second time, only report.
+
+        Of a recording that failed the ticks are counted that a reader finds in the file.
+        """
         if self._report is None:
+            self._ended = ended
             self._closing.set()
             self._thread.join(CLOSE_LIMIT_S)
+            written = self._writer.flushed
             if self._thread.is_alive():
                 self._error = f"{self.path}: the disk has not answered for {CLOSE_LIMIT_S:.0f} s"
-            written = self._writer.flushed
+            elif self._error is not None:
+                written = max(written, _readable(self.path))
             self._report = RecorderReport(written, self._offered - written, self._error)
         return self._report
 
@@ -140,7 +147,16 @@ class Recorder:
     def _finish(self) -> None:
         self._sync()
         dropped = self._offered - self._taken
-        self._writer.close({"written": str(self._taken), "dropped": str(dropped)})
+        ending = {"written": str(self._taken), "dropped": str(dropped)}
+        self._writer.close(ending | ({"ended": self._ended} if self._ended else {}))
+
+
+def _readable(path: Path) -> int:
+    """The ticks that a reader finds in a file that was not ended."""
+    try:
+        return len(read_mcap(path).rows)
+    except (UnusableInput, OSError):
+        return 0
 
 
 def _room(error: Exception) -> str:

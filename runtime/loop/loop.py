@@ -30,7 +30,7 @@ from runtime.loop.prediction_worker import Predictions
 from runtime.loop.readings import RangeDoor, Seen
 from runtime.loop.safety import ANSWERS_MISSING_S, Event, Findings, Mode, SafetyState
 from runtime.loop.silent_faults import SignReader, Signs
-from runtime.loop.tally import Tally
+from runtime.loop.tally import DROPPED, Tally
 from runtime.loop.watch import GapWatch
 from runtime.loop.way_down import DEADMAN_S, WayDown
 from runtime.reference import FlightPlan, Reference
@@ -105,7 +105,7 @@ class Loop:
         self._late_writes = 0  # commands in a row that went out after their tick was over
         self.error: Exception | None = None  # of the program; after it the flight landed
         self.last_reset = Fault.NONE  # of a board that restarted in flight
-        self.stop_asked = False
+        self.stop_asked = self.is_dropped = False  # by hand: brought down, or motors off at once
         self.tally = Tally(PERIOD_S)
 
     @property
@@ -192,6 +192,8 @@ class Loop:
 
     def _ending(self) -> str:
         """How the flight ended, for its summary."""
+        if self.is_dropped:
+            return DROPPED
         cause = self.failsafe_cause
         stopped = cause == () and self.stop_asked and not self._finished
         if stopped or cause[:1] == ("operator_stop",):

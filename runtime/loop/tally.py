@@ -30,6 +30,9 @@ class Pause:
         return round(1e3 * self.length_s)
 
 
+DROPPED = "stopped by hand, and its motors switched off at once"
+
+
 @dataclass
 class Tally:
     """Counts and series over the ticks of one run; times in s, errors in m."""
@@ -38,7 +41,7 @@ class Tally:
     ticks: int = 0
     skipped: int = 0
     overran: int = 0
-    ended: str = ""  # "whole", "stopped by hand", "failsafe: …" or "broken off"
+    ended: str = ""  # "whole", "stopped by hand", `DROPPED`, "failsafe: …" or "broken off"
     gap: GapReport | None = None  # of --watch-gap
     log: Path | None = None  # where the run was recorded
     pause: Pause | None = None  # the longest before a failsafe that skipped a tick

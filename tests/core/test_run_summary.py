@@ -50,6 +50,11 @@ def summary_of(made: list[dict[str, object]], **metadata: str):
     return summarise(RunLog.from_rows(made, {"rate_hz": "32"} | metadata))
 
 
+def test_how_a_run_ended_is_in_its_own_words() -> None:
+    assert summary_of(rows(), ended="stopped by hand").ended == "stopped by hand"
+    assert summary_of(rows()).ended == ""
+
+
 def test_tracking_is_scored_while_flying() -> None:
     told = summary_of(rows())
     assert told.tracking_rmse_m == pytest.approx(0.003)

@@ -168,6 +168,24 @@ def test_ctrl_c_lands_closes_the_log_and_says_130_in_little_memory(rig_file, tmp
     assert recorded["mode"][-1] == "FAILSAFE"
     assert recorded["sufferer_cmd_us"][-1] == recorded["source_cmd_us"][-1] == 1000.0
     assert recorded.metadata["rig_file"] == rig_file.name
+    assert recorded.metadata["ended"] == "stopped by hand"
+    assert "unfinished" not in recorded.metadata
+
+
+@pytest.mark.wallclock
+def test_a_second_ctrl_c_switches_the_motors_off_and_screen_and_log_say_so(rig_file, tmp_path):
+    log = tmp_path / "flight.mcap"
+    run = started("--virtual", "--wall-clock", "--seconds", 60, "--rig", rig_file, "--log", log)
+    flying_for(log, 1.0)
+    run.send_signal(signal.SIGINT)
+    time.sleep(0.2)
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=30)
+    assert run.returncode == 130
+    assert "Traceback" not in err
+    assert "stopped by hand, and its motors switched off at once" in " ".join(out.split())
+    recorded = read_run_log(log)
+    assert recorded.metadata["ended"] == "stopped by hand, and its motors switched off at once"
     assert "unfinished" not in recorded.metadata
 
 

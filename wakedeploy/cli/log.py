@@ -162,6 +162,7 @@ def _lines(summary: "RunSummary") -> dict[str, str]:
     faults = ", ".join(f"{name} {count}" for name, count in summary.faults.items())
     stages = {_stage(n): _milliseconds(s, 3) for n, s in summary.stages_s.items()}
     return {
+        "Ended": summary.ended,
         "Duration": f"{summary.duration_s:.1f} s, {summary.ticks} ticks",
         "Rate": _known(summary.rate_hz, "{:.2f} Hz"),
         "Flown under control": f"{summary.flying_s:.1f} s",

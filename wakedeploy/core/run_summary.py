@@ -33,9 +33,11 @@ class RunSummary:
     recorder's count of losses has. `dropped`: ticks that happened and could not be recorded.
     `failsafe_s` is when a failsafe began, NaN without one, and `failsafe_cause` the fault that
     explains the others, by its name in `wakedeploy.core.failsafes`, "" where none was recorded.
+    `ended` is how the run ended by its own words, "" where that was not recorded.
     """
 
     is_virtual: bool
+    ended: str
     ticks: int
     duration_s: float
     rate_hz: float
@@ -78,6 +80,7 @@ def summarise(log: RunLog) -> RunSummary:
     failsafe_s, cause = _failsafe(log)
     return RunSummary(
         is_virtual=log.metadata.get("simulated") == "true",
+        ended=log.metadata.get("ended", ""),
         ticks=len(log),
         duration_s=float(np.ptp(log["t_s"])) + period_s if len(log) else 0.0,
         rate_hz=float(np.ptp(log["tick"]) / np.ptp(log["t_s"])) if len(log) > 1 else float("nan"),

@@ -394,6 +394,17 @@ def test_how_a_flight_ended_is_in_its_tally():
 
     assert fly(World(), during=at_tick(12, mute))[0].tally.ended == "failsafe: link_lost"
 
+    ended = []
+
+    def drop(loop):  # as a second Ctrl-C does
+        loop.stop_asked = loop.is_dropped = True
+        ended.append(loop)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fly(World(), during=at_tick(12, drop))
+    assert ended[0].tally.ended == "stopped by hand, and its motors switched off at once"
+
     def break_off(loop):
         raise RuntimeError("a bug")
 
