@@ -180,6 +180,19 @@ def test_the_folder_that_one_stands_in_is_named(
     assert guess_columns(".").startswith(f"# What the columns of {tmp_path.name} mean")
 
 
+def test_files_of_other_columns_are_said_to_be_taken_for_parts_of_one_recording(
+    tmp_path: Path,
+) -> None:
+    folder, t = tmp_path / "runs", np.arange(100) / 50
+    folder.mkdir()
+    table(folder / "cmd.csv", t=t, cmd=np.sin(t))
+    assert "parts of one recording" not in guess_columns(folder)
+    table(folder / "state.csv", t=t, q=np.cos(t))
+    guessed = guess_columns(folder)
+    assert "# Its files have other columns each: they are taken for parts of one rec" in guessed
+    assert len(read(folder, guessed)) == 1
+
+
 def test_files_of_two_layouts_are_listed_once_for_each(tmp_path: Path) -> None:
     folder, t = tmp_path / "runs", np.arange(100) / 50
     folder.mkdir()

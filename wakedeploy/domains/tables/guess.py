@@ -62,6 +62,10 @@ _TO_DO = (
     "# mark are guesses. Give the columns that you need a role: input, output, observation or",
     '# force, or several as in ["input", "observation"]. All others are left out.',
 )
+_PARTS = (
+    "# Its files have other columns each: they are taken for parts of one recording, at the same",
+    "# time. If each is a recording of its own, it needs a columns file of its own, too.",
+)
 _TO_DO_ASKED = (
     "# mark are guesses: look at each. A column that was taken for an input or an output of the",
     "# system has its name and a role. Others are left out, until you give them a role as well.",
@@ -138,6 +142,8 @@ def guess_columns(path: Path | str, asked: Sequence[Asked] = ()) -> str:
     if len(kinds) == 1 and len(logs) > 1:
         return _text(path, [("", logs[0][1])], form, asked, _of_one_kind(path, logs))
     said = [line for kind in kinds if len(kind) > 1 for line in _on_likes(kind)]
+    if len(kinds) == len(logs) > 1:
+        said = list(_PARTS)
     return _text(path, [kind[0] for kind in kinds], form, asked, said)
 
 
