@@ -223,9 +223,27 @@ def test_a_flipped_byte_is_refused_or_harmless(
     np.testing.assert_array_equal(log["range_m"], some_log(len(log))["range_m"])
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"hello", b"\x00" * 100, b"\x89MCAP0\r\n", os.urandom(999)]
-)
+def test_a_file_that_is_cut_before_its_first_tick_says_so(tmp_path: Path, whole: bytes) -> None:
+    path = tmp_path / "cut.mcap"
+    for length in (8, 100, 300):
+        path.write_bytes(whole[:length])
+        with pytest.raises(UnusableInput, match=r"cut\.mcap: is cut or damaged before its first"):
+            read_run_log(path)
+
+
+def test_the_mcap_file_of_another_program_is_none_of_ours(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.finish()
+    with pytest.raises(UnusableInput, match=r"is an MCAP file, and no run log of wakedeploy"):
+        read_run_log(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"\x00" * 100, os.urandom(999)])
 def test_a_foreign_file_is_one_sentence(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "foreign.mcap"
     path.write_bytes(content)

@@ -18,7 +18,6 @@ from typing import IO, Any
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import InvalidMagic
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
@@ -176,13 +175,19 @@ def read_mcap(path: Path) -> Table:
     found = _Found()
     problem = _read_into(found, path)
     if found.metadata is None:
-        if isinstance(problem, InvalidMagic):  # another kind of file, whose first bytes help nobody
+        if not _is_mcap(path):
             raise UnusableInput(
                 f"{path}: is not an MCAP run log of wakedeploy; name what --log has recorded "
                 "(.mcap), or what `wakedeploy log export` made of it (.csv)."
             )
-        reason = f" ({one_line(problem)})" if problem else ""
-        raise UnusableInput(f"{path}: is not an MCAP run log of wakedeploy{reason}.")
+        if problem is not None:
+            raise UnusableInput(
+                f"{path}: is cut or damaged before its first tick; copy it again from where it was "
+                "recorded."
+            )
+        raise UnusableInput(
+            f"{path}: is an MCAP file, and no run log of wakedeploy; name what --log has recorded."
+        )
     _refuse_newer(found.metadata, path)
     if problem is not None and was_closed(path):
         raise UnusableInput(
@@ -195,6 +200,11 @@ def read_mcap(path: Path) -> Table:
             "the recording was cut off; everything up to its last flush is here"
         )
     return Table(_names(found), found.rows, metadata)
+
+
+def _is_mcap(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
 
 
 def _names(found: _Found) -> list[str]:
