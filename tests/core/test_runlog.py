@@ -225,7 +225,7 @@ def test_a_flipped_byte_is_refused_or_harmless(
 
 def test_a_file_that_is_cut_before_its_first_tick_says_so(tmp_path: Path, whole: bytes) -> None:
     path = tmp_path / "cut.mcap"
-    for length in (8, 100, 300):
+    for length in (8, 20, 60):
         path.write_bytes(whole[:length])
         with pytest.raises(UnusableInput, match=r"cut\.mcap: is cut or damaged before its first"):
             read_run_log(path)
