@@ -74,10 +74,10 @@ def export_predictor(
     `force` says which forces were seen in training; `test` are its scores, if it has any.
     """
     report = progress or (lambda done, total: None)
-    observations = joined(episodes)
     model = graph_bytes(predictor, force)
     report(1, 3)
     manifest = manifest_of(predictor, config, force, test)
+    observations = joined(episodes, manifest)
     example = example_rollout(predictor, config, force)
     draft = make_package(model, manifest, example)
     parity = measure(draft, predictor, observations)

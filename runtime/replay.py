@@ -30,6 +30,9 @@ class Difference:
     step: int
 
 
+_LEAST_RANGE = 0.05  # of the largest value: four roundings of it are 1e-5 of this
+
+
 @dataclass(frozen=True)
 class Replay:
     """How the example rollout came out, and in what share of other steps a force was limited."""
@@ -40,17 +43,25 @@ class Replay:
 
 
 def compare(force: FloatArray, reference: FloatArray) -> Difference:
-    """max|Δ| over max|reference| per output channel, (T, o) each; NaN anywhere counts as infinite.
-
-    A channel whose reference is zero throughout is compared absolutely.
-    """
+    """max|Δ| over the reference's size per output channel, (T, o) each; NaN counts as infinite."""
     apart = np.abs(np.asarray(force, np.float64) - np.asarray(reference, np.float64))  # (T, o)
     apart = np.where(np.isfinite(apart), apart, np.inf)
-    size = np.max(np.abs(np.asarray(reference, np.float64)), axis=0)  # (o,)
-    relative = np.max(apart, axis=0) / np.where(size > 0.0, size, 1.0)  # (o,)
+    relative = np.max(apart, axis=0) / size_of(reference)  # (o,)
     channel = int(np.argmax(relative))
     step = int(np.argmax(apart[:, channel]))
     return Difference(float(np.max(apart)), float(relative[channel]), channel, step)
+
+
+def size_of(force: FloatArray) -> FloatArray:
+    """What differences of forces (T, o) are compared with, (o,): the range of each channel.
+
+    No more than max|force|, and no less than a twentieth of it: of a force that stays so far from
+    zero, float32 keeps no finer steps. 1 where a force is zero throughout.
+    """
+    exact = np.asarray(force, np.float64)
+    most = np.max(np.abs(exact), axis=0)
+    size = np.clip(np.ptp(exact, axis=0), _LEAST_RANGE * most, most)
+    return np.asarray(np.where(most > 0.0, size, 1.0))
 
 
 def rolled_out(predictor: SteppedPredictor, observations: FloatArray) -> FloatArray:

@@ -46,7 +46,7 @@ class SteppedPredictor(abc.ABC):
     def step(self, observation: npt.ArrayLike) -> FloatArray:
         """The force, float32 (o,), for the newest observation (d,); with a batch (B, o), (B, d).
 
-        SI units, channels in the manifest's order. Raises UnusableInput for another shape and what
+        Channels and their units are the manifest's. Raises UnusableInput for another shape and what
         is no number, CheckFailed where the step cannot be computed.
         """
         try:

@@ -13,7 +13,7 @@ from wakedeploy.core.manifest import FloatArray, Manifest
 class Real:
     """Samples of a set.
 
-    `observation` (T, d) are whole episodes in a row for the gate. `episodes` are observations
+    `observation` (T, d) are in a row for the gate. `episodes` are observations
     (T, d) with the force that was to be predicted from the `warm_up`th on, (T', o), T' <= T.
     """
 
@@ -24,7 +24,7 @@ class Real:
 
 
 def real_samples(data: EpisodeSet, manifest: Manifest) -> Real:
-    """The set's test episodes, with others behind them where the gate needs more.
+    """The set's test episodes; for the gate others follow, and made samples if it needs more.
 
     Raises UnusableInput for another set than the package was trained on.
     """
@@ -37,5 +37,5 @@ def real_samples(data: EpisodeSet, manifest: Manifest) -> Real:
     pairs = [(e.observation, shift_ahead(e.force, manifest.lead_s, data.rate_hz)) for e in test]
     warm_up = manifest.warm_up_steps
     scored = tuple(pair for pair in pairs if len(pair[1]) >= warm_up)
-    joined_up = joined(test + data.part("validation") + data.part("train"))
+    joined_up = joined(test + data.part("validation") + data.part("train"), manifest)
     return Real(joined_up, scored, warm_up, f"the test episodes of the {data.domain} set")

@@ -4,12 +4,13 @@ from export.c.source import Model
 from export.c.values import literal
 from export.c.weights import constants
 from runtime.compiled.driven import FACTOR, HELD, INCREMENT, LEVELS
+from runtime.replay import size_of
 from wakedeploy.core.manifest import FloatArray
 
 _TEMPLATE = """\
 /* Made by wakedeploy; do not edit. A program that steps {name}.c beside what {reference} gave for
    the same inputs, and checks that a reset forgets and that two states keep apart.
-   It prints the worst difference over the largest force, and ends with 0 where that is within
+   It prints the worst difference over the force's range, and ends with 0 where that is within
    the limit. To be compiled with {name}.c; needs <stdio.h> and nothing else. */
 #include "{name}.h"
 
@@ -28,6 +29,7 @@ _TEMPLATE = """\
 
 {low}
 {high}
+{sizes}
 {expected}
 
 static uint32_t drawn = 1;
@@ -64,7 +66,7 @@ static void observe(int step, float observation[{d}])
     }}
 }}
 
-static float size(float value)
+static float without_sign(float value)
 {{
     return value < 0.0f ? -value : value;
 }}
@@ -72,7 +74,7 @@ static float size(float value)
 int main(void)
 {{
     static {name}_state state, other;
-    float observation[{d}], force[{o}], unlike[{o}], worst[{o}] = {{0.0f}}, largest[{o}] = {{0.0f}};
+    float observation[{d}], force[{o}], unlike[{o}], worst[{o}] = {{0.0f}};
     float max_rel = 0.0f;
     int is_sound = 1;
     {name}_reset(&state);
@@ -86,11 +88,9 @@ int main(void)
         observe(i, observation);
         {name}_step(&state, observation, force);
         for (int j = 0; j < {o}; ++j) {{
-            const float apart = size(force[j] - expected[i * {o} + j]);
+            const float apart = without_sign(force[j] - expected[i * {o} + j]);
             is_sound = is_sound && apart <= 3.0e38f; /* false for NaN */
             worst[j] = apart > worst[j] ? apart : worst[j];
-            largest[j] = size(expected[i * {o} + j]) > largest[j] ? size(expected[i * {o} + j])
-                                                                 : largest[j];
         }}
         for (int j = 0; j < {d}; ++j) {{
             observation[j] = high[j] + low[j] - observation[j];
@@ -100,7 +100,7 @@ int main(void)
         }}
     }}
     for (int j = 0; j < {o}; ++j) {{
-        const float relative = largest[j] > 0.0f ? worst[j] / largest[j] : worst[j];
+        const float relative = worst[j] / range[j];
         max_rel = relative > max_rel ? relative : max_rel;
     }}
     is_sound = is_sound && max_rel <= LIMIT;
@@ -120,8 +120,9 @@ def self_test(model: Model, expected: FloatArray, limit: float, reference: str) 
         steps=len(expected),
         held=HELD,
         limit=literal(limit),
-        low=_ends("low", [c.min for c in channels]),
-        high=_ends("high", [c.max for c in channels]),
+        low=_floats("low", [c.min for c in channels]),
+        high=_floats("high", [c.max for c in channels]),
+        sizes=_floats("range", size_of(expected).tolist()),
         expected=constants(f"expected[STEPS * {expected.shape[1]}]", expected),
         d=len(channels),
         o=expected.shape[1],
@@ -131,6 +132,6 @@ def self_test(model: Model, expected: FloatArray, limit: float, reference: str) 
     )
 
 
-def _ends(name: str, values: list[float]) -> str:
+def _floats(name: str, values: list[float]) -> str:
     numbers = ", ".join(map(literal, values))
     return f"static const FLASH float {name}[{len(values)}] = {{{numbers}}};"

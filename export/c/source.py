@@ -79,7 +79,7 @@ typedef struct {{
 /* Forget everything; also what makes a state usable at first. */
 void {name}_reset({name}_state *state);
 
-/* One step. SI units in, SI units out. */
+/* One step. Every channel is in the unit that is stated above. */
 void {name}_step({name}_state *state, const float observation[{len(manifest.observation)}],
 {" " * len(f"void {name}_step(")}float force[{len(manifest.force)}]);
 

@@ -10,13 +10,14 @@ import pytest
 import torch
 
 from export.packaging import export_predictor
+from export.samples import joined
 from runtime.predictor import PackagePredictor
 from runtime.replay import compare, replay, rolled_out
 from trainers.build import ARCHITECTURES
 from trainers.model import Predictor
 from wakedeploy.core.episodes import Episode
-from wakedeploy.core.errors import CheckFailed, UnusableInput
-from wakedeploy.core.manifest import Manifest
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.manifest import PARITY_STEPS, Manifest
 from wakedeploy.core.package import make_package, read_package, write_package
 
 
@@ -92,13 +93,23 @@ def copy_with_noise(predictor: Predictor) -> Predictor:
     return changed
 
 
-def test_too_few_samples_cannot_prove_parity(
+def test_made_samples_follow_where_a_set_has_too_few_for_parity(
     episodes: tuple[Episode, ...], exported_arch, tmp_path: Path
 ) -> None:
     gru = exported_arch("gru")
-    force = gru.package.manifest.force
-    with pytest.raises(UnusableInput, match="3200"):
-        export_predictor(gru.predictor, gru.config, force, episodes[:2], tmp_path / "gru.onnx")
+    manifest = gru.package.manifest
+    few = episodes[:2]
+    real = np.concatenate([e.observation for e in few])
+    asked = joined(few, manifest)
+    assert len(real) < PARITY_STEPS == len(asked)
+    np.testing.assert_array_equal(asked[: len(real)], real)
+    channels = manifest.observation
+    low, high = (np.array([getattr(c, end) for c in channels]) for end in ("min", "max"))
+    made = asked[len(real) :]
+    assert np.all((made >= low - 1e-6) & (made <= high + 1e-6))
+    assert np.all(made.std(axis=0) > 0.2 * (high - low))
+    small = export_predictor(gru.predictor, gru.config, manifest.force, few, tmp_path / "gru.onnx")
+    assert small.manifest.parity.passed
 
 
 def test_progress_is_told_to_the_end(

@@ -5,7 +5,7 @@ import pytest
 from hostile_models import HEAD
 from made_packages import package_of, parsed, sound, tiny_manifest
 
-from runtime.replay import replay, require_bounded
+from runtime.replay import compare, replay, require_bounded
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 STATES = {"memory": {"kind": "state", "states": {"count": {"shape": [1]}}}, "warm_up_steps": 8}
@@ -76,3 +76,20 @@ def test_a_model_that_onnxruntime_gives_up_on_fails_in_a_sentence():
     with pytest.raises((CheckFailed, UnusableInput), match="onnxruntime") as failed:
         replay(package)
     assert "\n" not in str(failed.value)
+
+
+@pytest.mark.parametrize("offset", [0.0, 10.0, 1e4, -1e4])
+def test_a_force_far_from_zero_is_compared_with_its_range(offset: float) -> None:
+    """A constant in the place of a force of 0.15 N about 10 kN is 1.5e-5 of its largest value."""
+    swing = 0.15 * np.sin(np.arange(400) / 7.0)[:, None]
+    exact = (offset + swing).astype(np.float32)
+    assert compare(np.full_like(exact, offset), exact).max_rel > 1e-4
+    rounded = np.nextafter(exact, np.float32(np.inf))
+    assert compare(rounded, exact).max_rel <= 1e-5
+
+
+def test_a_force_that_stays_is_compared_with_its_size() -> None:
+    still = np.full((10, 1), 2.0, np.float32)
+    assert compare(still * np.float32(1.001), still).max_rel == pytest.approx(0.02, rel=0.01)
+    nothing = np.zeros((10, 1), np.float32)
+    assert compare(nothing + np.float32(0.5), nothing).max_rel == 0.5

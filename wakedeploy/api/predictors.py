@@ -33,7 +33,7 @@ _OF_RUN = ("config.json", "best.safetensors")
 
 
 class Predictor:
-    """A package or a folder of C that predicts: SI units, channels in the manifest's order.
+    """A package or a folder of C that predicts; channels and their units are those of its manifest.
 
     `predict` takes whole series (T, d) from a cold start; `step` goes on from call to call, one
     observation (d,) at a time, until `reset`. Forces are those `lead_s` seconds ahead of the newest

@@ -95,7 +95,7 @@ def _checked_c(path: Path, rig_path: Path | None, result: dict[str, Any]) -> lis
     proofs = [proof.model_dump(mode="json") for proof in here.proofs]
     result |= {"c": json_of_c(folder), "here": proofs, "steps": here.steps}
     return [
-        ["manifest, hashes of all files", "agree"],
+        ["manifest, hashes of its .c, .h and test", "agree"],
         *([f"here, {p.flags}", f"{p.max_rel:.1e} over {here.steps} steps"] for p in here.proofs),
         ["reference", document.reference.rstrip(",")],
         ["limit", f"{document.limit:.1e}"],

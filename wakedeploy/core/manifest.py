@@ -198,8 +198,9 @@ class Memory(_Record):
 class Parity(_Record):
     """Worst difference between exported graph and training-time forward over a long rollout.
 
-    `max_abs` is in the unit of the channel where it occurred; `max_rel` is max|Δ| / max|reference|
-    of the worst channel and must not exceed `limit`. `float64_rel` is the same measure between the
+    `max_abs` is in the unit of the channel where it occurred; `max_rel` is max|Δ| over the range of
+    the reference, as `runtime.replay.compare` has it, of the worst channel, and must not exceed
+    `limit`. `float64_rel` is the same measure between the
     training-time forward in float32 and in float64, for the architecture whose limit rests on it.
     """
 

@@ -1,5 +1,5 @@
-/* Reads one observation a line from standard input, SI units in the order of wake.h, and prints the
-   force. A line "reset" forgets the past. Lines before the memory is full are marked with "#". */
+/* Reads one observation a line from standard input, in the order and the units of wake.h, and
+   prints the force. A line "reset" forgets the past. Lines before the memory is full are marked with "#". */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

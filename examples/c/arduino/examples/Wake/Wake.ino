@@ -1,6 +1,6 @@
 // Steps the predictor at its rate and prints the force and how long a step took.
-// An observation comes as one line of numbers over the serial port, SI units in the order of wake.h;
-// without one, the last stays.
+// An observation comes as one line of numbers over the serial port, in the order and the units of
+// wake.h; without one, the last stays.
 #include <wake.h>
 
 static wake_state state;
