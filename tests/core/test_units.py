@@ -166,6 +166,9 @@ def test_a_name_s_end_says_its_unit(name: str, unit: str | None) -> None:
         ("torque_n_mm", "N mm", None), ("load_kg", "N", None),
         ("encoder_m", "V", None), ("x_s", "m", None), ("u_n", "V", None), ("vx_mps", "1", None),
         ("yaw_rad", "1", None), ("speed_rpm", "Hz", "rpm"), ("mps", "T", None),
+        ("kraft_mN", "N", "mN"), ("f_un", "N", "uN"), ("tau_nmm", "N m", "Nmm"),
+        ("v_km_h", "m/s", "kmh"), ("v_m_s", "m/s", None), ("gyro_deg_s", "rad/s", "deg/s"),
+        ("tau_n_m", "N m", None), ("mass_g", "kg", "g"), ("acc_g", "m/s^2", None),
     ],
 )  # fmt: skip
 def test_a_name_contradicts_another_unit(name: str, unit: str, named: str | None) -> None:

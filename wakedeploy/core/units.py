@@ -252,6 +252,13 @@ _ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s"}  # alone, `arm_a` is no 
 _ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt` is a constant
     "cm": ["cm"], "km": ["km"], "kmh": ["kmh"], "kn": ["kN", "knots"], "kt": ["knots"],
     "kts": ["knots"], "knots": ["knots"], "bar": ["bar"], "mbar": ["mbar"], "kpa": ["kPa"],
+    "mn": ["mN"], "un": ["uN"], "mnm": ["mN m"], "nmm": ["Nmm"], "ncm": ["N cm"], "g": ["g"],
+    "mmps": ["mm/s"], "cmps": ["cm/s"], "ua": ["uA"], "mw": ["mW"], "kw": ["kW"], "khz": ["kHz"],
+}  # fmt: skip
+_IN_PARTS = {  # ends as they come from a header's brackets: `v [km/h]` becomes v_km_h
+    "_km_h": "_kmh", "_m_s": "_mps", "_mm_s": "_mmps", "_cm_s": "_cmps", "_m_s2": "_mps2",
+    "_m_s_2": "_mps2", "_rad_s": "_radps", "_rad_s2": "_radps2", "_deg_s": "_dps",
+    "_kg_m2": "_kgm2", "_n_m": "_nm", "_mn_m": "_mnm", "_n_mm": "_nmm", "_n_cm": "_ncm",
 }  # fmt: skip
 # That are a unit beside any other. Not `servo_deg`, whose pulse is in µs, or `load_kg` in newtons.
 _PLAIN_ENDS = {"mps", "mps2", "radps", "radps2", "kgm2", "rpm", "kmh", "knots", "kts"}
@@ -280,6 +287,7 @@ def contradicted(name: str, unit: str) -> str | None:
     Of another dimension only an end counts that means nothing else: `x_s` may be of the slave, and
     `vx_mps` is a speed. Where the unit is "1" nobody has said one.
     """
+    name = _in_one(name)
     end, named = _end_of(name), _named(name)
     alike = [each for each in named if same_dimension(each, unit)]
     if alike:
@@ -291,7 +299,14 @@ def contradicted(name: str, unit: str) -> str | None:
 
 def is_named(name: str, unit: str) -> bool:
     """Whether a name ends in a unit, as `depth_cm` does in cm."""
-    return any(same_unit(each, unit) for each in _named(name) if same_dimension(each, unit))
+    named = _named(_in_one(name))
+    return any(same_unit(each, unit) for each in named if same_dimension(each, unit))
+
+
+def _in_one(name: str) -> str:
+    """A name whose end has no _ within its unit."""
+    ends = sorted((end for end in _IN_PARTS if name.lower().endswith(end)), key=len)
+    return f"{name[: -len(ends[-1])]}{_IN_PARTS[ends[-1]]}" if ends else name
 
 
 def _end_of(name: str) -> str:

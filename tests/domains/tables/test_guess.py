@@ -172,6 +172,38 @@ def test_a_name_that_says_its_unit_keeps_it(tmp_path: Path) -> None:
     read_recordings([path], parse_columns(guessed.replace('"unused"', '"output"')))
 
 
+@pytest.mark.parametrize(
+    ("header", "name", "unit", "to"),
+    [
+        ("Kraft [mN]", "kraft_mn", "mN", "mN"),
+        ("kraft_kN", "kraft_kn", "kN", "kN"),
+        ("Drehmoment [Nmm]", "drehmoment_nmm", "Nmm", "Nmm"),
+        ("v [km/h]", "v_km_h", "km/h", "km/h"),
+        ("gyro [deg/s]", "gyro_deg_s", "deg/s", "deg/s"),
+        ("v [m/s]", "v_m_s", "m/s", None),
+        ("Temp [degC]", "temp_k", "K", None),
+    ],
+)
+def test_a_column_keeps_the_unit_that_its_name_ends_in(
+    header: str, name: str, unit: str, to: str | None, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,{header}\n" + "".join(f"{k / 10},{k}.5\n" for k in range(50)))
+    guessed = guess_columns(path)
+    assert f"[columns.{name}]" in guessed
+    assert f'unit = "{unit}"' in guessed
+    assert (f'to = "{to}"' in guessed) if to else ("to = " not in guessed)
+    read_recordings([path], parse_columns(guessed.replace('"unused"', '"output"')))
+
+
+def test_a_name_in_millinewtons_that_is_read_in_newtons_is_doubted(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", t=np.arange(50) / 10, kraft_mN=np.arange(50.0))
+    text = guess_columns(path).replace('"unused"', '"output"').replace('unit = "mN"', 'unit = "N"')
+    text = text.replace('to = "mN"', 'to = "N"').replace("columns.kraft_mn", "columns.force")
+    (note,) = read_recordings([path], parse_columns(text)).notes
+    assert "read as N, and its name says mN; check `unit`" in note
+
+
 def test_the_folder_that_one_stands_in_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

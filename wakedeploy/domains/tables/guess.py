@@ -78,11 +78,15 @@ _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"_nm$", "N m"), (r"_rad$", "rad"), (r"_deg$", "deg"), (r"_rpm$|^rpm$", "rpm"),
     (r"(^|_)(volt|voltage|volts|vbat)", "V"), (r"(^|_)(amps|ampere|current)(_a)?$", "A"),
     (r"_mv$", "mV"), (r"_ma$", "mA"), (r"_cm$", "cm"), (r"_m$", "m"), (r"_mm$", "mm"),
-    (r"_kmh$", "kmh"), (r"_(kts|knots)$", "knots"),
+    (r"_kmh$|_km_h$", "kmh"), (r"_(kts|knots)$", "knots"), (r"_mn$", "mN"), (r"_kn$", "kN"),
+    (r"_un$", "uN"), (r"_nmm$", "Nmm"), (r"_mm_?p?_?s$", "mm/s"), (r"_cm_?p?_?s$", "cm/s"),
     (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
     (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
 )  # fmt: skip
+
+
+_CELSIUS = re.compile(r"(?<![a-z])(°|deg_?)c(?![a-z])|celsius", re.I)
 
 
 @dataclass(frozen=True)
@@ -448,7 +452,8 @@ def _entry(
     there = _there(file, field)
     unit, remark = _unit(field)
     yield ""
-    name = match.asked.name if match else _name(field.name, taken)
+    in_kelvin = _CELSIUS.sub("K", field.name) if unit == "K" else field.name
+    name = match.asked.name if match else _name(in_kelvin, taken)
     yield f"[columns.{name}]  # {_range(there)}"
     yield f"column = {toml(field.name)}{_seen_by(match)}"
     yield from _place(file, base, field.name)
