@@ -1,5 +1,6 @@
 """Logs as a set: the splits, the channels, the command, and what training takes of it."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from click.testing import CliRunner
 import wakedeploy as wd
 from wakedeploy.cli import main
 from wakedeploy.core.episodes import Channel
+from wakedeploy.core.errors import UnusableInput
 
 COLUMNS = """
 version = 1
@@ -44,6 +46,42 @@ def wakedeploy(*words: str, status: int = 0) -> str:
     told = CliRunner().invoke(main, list(words))
     assert told.exit_code == status, told.output
     return told.output
+
+
+@pytest.mark.parametrize(("unit", "to", "scale"), [("m", "m", 1.0), ("km", "m", 1e-3)])
+def test_a_position_far_from_its_origin_is_not_rounded_to_a_few_steps(
+    unit: str, to: str, scale: float, here: Path
+) -> None:
+    """Of UTM coordinates single precision keeps half metres; the offset that is advised helps."""
+    t = np.arange(400) / 100
+    for k, path in enumerate(sorted(here.glob("run*.csv"))):
+        north = scale * (5_612_345.0 + np.sin(t + k))
+        table = np.column_stack([t, north, 10 * np.cos(2 * t + k)])
+        np.savetxt(path, table, "%.12g", ",", header="t,v,f", comments="")
+    text = COLUMNS.replace('unit = "mm/s"', f'unit = "{unit}"\nto = "{to}"')
+    Path("columns.toml").write_text(text.replace("columns.speed", "columns.north_m"), "utf-8")
+    files = sorted(here.glob("run*.csv"))
+    said = r"stays near 5\.6.*e\+06 m and changes by 0\.6.* in steps of 0\.5 there; give offset = "
+    with pytest.raises(UnusableInput, match=said) as refused:
+        wd.import_table(files, "columns.toml")
+    (advised,) = re.findall(r"give (offset = \S+),", str(refused.value))
+    text = (
+        Path("columns.toml").read_text("utf-8").replace(f'to = "{to}"', f'to = "{to}"\n{advised}')
+    )
+    Path("columns.toml").write_text(text, "utf-8")
+    seen = wd.import_table(files, "columns.toml").episodes[0].observation[:, 0]
+    moved = seen - seen[0]
+    np.testing.assert_allclose(moved, np.sin(t) - np.sin(t[0]), atol=2e-3)
+
+
+def test_a_copy_with_a_row_left_out_is_no_other_recording(here: Path) -> None:
+    lines = Path("run0.csv").read_text().splitlines(keepends=True)
+    Path("run3.csv").write_text("".join(lines[:200] + lines[201:]))
+    text = COLUMNS.replace("window_s = 0.2", 'window_s = 0.2\ntest = ["run3"]')
+    text += "[resample]\nrate_hz = 100\n[split]\ngap_s = 0.015\n"
+    Path("columns.toml").write_text(text, "utf-8")
+    with pytest.raises(UnusableInput, match=r"run3: 100% of what it shows is in run0, too"):
+        wd.import_table(sorted(here.glob("run*.csv")), "columns.toml")
 
 
 def test_whole_files_are_held_out_where_there_are_enough(here: Path) -> None:
@@ -218,8 +256,9 @@ def test_a_day_is_held_out_by_its_folder(here: Path) -> None:
     for day, k in (("d1", 0), ("d1", 1), ("d2", 2), ("d2", 3), ("d3", 0)):
         (here / day).mkdir(exist_ok=True)
         rows = Path(f"run{k}.csv").read_text().splitlines(keepends=True)
-        if day == "d3":  # another flight than that of the first day
-            rows = rows[:-1]
+        if day == "d3":  # another flight than that of the first day: the same, backward
+            rows = [rows[0], *(f"{a.partition(',')[0]},{b.partition(',')[2]}"
+                               for a, b in zip(rows[1:], rows[:0:-1], strict=True))]  # fmt: skip
         (here / day / f"run{k}-{day}.csv").write_text("".join(rows))
     given = ("d1/run0-d1.csv", "d1/run1-d1.csv", "d2/run2-d2.csv", "d2/run3-d2.csv",
              "d3/run0-d3.csv")  # fmt: skip
@@ -552,7 +591,7 @@ def test_a_filter_is_part_of_what_training_is_told(here: Path) -> None:
 
 def with_constant(role: str) -> str:
     for k in range(3):
-        v = np.sin(np.arange(400) / 9 + k)
+        v = np.sin(np.arange(400) / 9 + 1.3 * k)
         np.savetxt(f"run{k}.csv", np.column_stack([np.arange(400) / 100, v, v * v, v * 0 + 293.15]),
                    delimiter=",", header="t,v,f,temperature", comments="")  # fmt: skip
     return COLUMNS + f'[columns.air_k]\ncolumn = "temperature"\nrole = "{role}"\nunit = "K"\n'

@@ -4,6 +4,7 @@ In: `Columns`, and pieces of recordings with their splits. Out: remarks; Unusabl
 could not be learnt from.
 """
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, product
 from pathlib import Path
@@ -21,8 +22,11 @@ from wakedeploy.domains.tables.splits import Pieces
 
 Vector = NDArray[np.float64]
 
+_SAME = 0.5  # share of a recording's stretches from which on it is another's copy
+_STRETCH = 10  # rows: where a log has few digits, single ones are alike by chance
 _FEW = 0.005  # the share of labels from which on it is said
 _NEAR = 1e-9  # of the largest number, by which a conversion of units may move it
+_ROUNDED = 0.01  # of a column's spread, by which the rounding of a set may change its numbers
 _APART = 30.0  # times as large as in other logs; rad and deg are 57 apart, m and mm 1000
 
 
@@ -41,6 +45,28 @@ def require_roles(columns: Columns) -> None:
                 f'{columns.file}: columns.{name}.missing = "nan" is nothing to learn from; give'
                 ' "hold" or "split".'
             )
+
+
+def require_fine_enough(pieces: Pieces, columns: Columns, units: Mapping[str, str]) -> None:
+    """UnusableInput for a column that a set's float32 would round to a few steps.
+
+    A position in UTM coordinates, 5600 km from where these begin, moves in steps of half a metre.
+    """
+    for name, column in columns.with_role("observation", "force").items():
+        values = np.concatenate([part.columns[name] for _, _, part in pieces])
+        spread = float(values.std())
+        rounding = float(np.std(values - values.astype(np.float32)))
+        if rounding <= _ROUNDED * spread:
+            continue
+        usual = float(values.mean())
+        step = float(np.spacing(np.float32(usual)))
+        per_unit = float(conversion(column.unit, units[name]))
+        offset = column.offset - float(f"{usual / per_unit:.7g}")
+        raise UnusableInput(
+            f"{columns.file}: columns.{name} stays near {usual:.6g} {units[name]} and changes by "
+            f"{spread:.2g}, and sets keep single precision, in steps of {step:.2g} there; give "
+            f"offset = {offset!r}, which counts from a point nearby."
+        )
 
 
 def on_copies(
@@ -165,6 +191,34 @@ def require_no_copies(digests: Mapping[Path, tuple[str, ...]]) -> None:
                 " judge it; give one of them."
             )
         seen[digest] = path
+
+
+def require_apart(pieces: Pieces, columns: Columns) -> None:
+    """UnusableInput where most rows of a held-out recording are in one that is trained on.
+
+    A copy with a row left out, or with another date, is no other recording.
+    """
+    names = list(columns.with_role("observation", "force"))
+    stretches = [(split, name, _stretches(part, names)) for split, name, part in pieces]
+    for split, name, held_out in stretches:
+        for other, trained_on, seen in stretches:
+            shared = len(held_out & seen)
+            if split != "train" == other and shared > _SAME * len(held_out):
+                raise UnusableInput(
+                    f"{name}: {shared / len(held_out):.0%} of what it shows is in {trained_on}, "
+                    f"too, and {split} scores would tell of what was learned by heart; give one "
+                    "of both."
+                )
+
+
+def _stretches(part: Recording, names: Sequence[str]) -> set[bytes]:
+    """Every few rows of a recording in which something changes."""
+    rows = np.column_stack([part.columns[n] for n in names])  # (T, d)
+    if len(rows) < _STRETCH:
+        return set()
+    windows = np.lib.stride_tricks.sliding_window_view(rows, _STRETCH, axis=0)  # (T', d, 10)
+    moves = np.ptp(windows, axis=2).any(axis=1)
+    return {hashlib.sha256(window.tobytes()).digest() for window in windows[moves]}
 
 
 def on_constants(pieces: Pieces, columns: Columns) -> Iterator[str]:

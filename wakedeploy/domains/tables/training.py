@@ -21,6 +21,8 @@ from wakedeploy.domains.tables.learnable import (
     on_filter,
     on_other_sizes,
     on_what_is_left_out,
+    require_apart,
+    require_fine_enough,
     require_no_copies,
     require_roles,
     require_several_samples,
@@ -57,6 +59,8 @@ def import_set(
     require_several_samples(columns, rate_hz)
     found = split_pieces(reading.pieces, columns)
     pieces = long_enough(found, columns.training.window_s, rate_hz)
+    require_apart(pieces, columns)
+    require_fine_enough(pieces, columns, reading.units)
     constants = tuple(on_constants(pieces, columns))
     copies = on_copies(pieces, columns, reading.units, rate_hz)
     left_out = on_what_is_left_out(reading, found, pieces, columns)
