@@ -5,6 +5,7 @@ In: a column in a piece. Out: sentences with the numbers of all pieces together.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,7 +117,8 @@ class Remarks:
             tally.shortest_hole_s = min(tally.shortest_hole_s, float(holes_s.min()))
 
     def sentences(self) -> Iterator[str]:
-        """A sentence for each column and thing that was noticed."""
+        """A sentence for each thing that was noticed, with the columns of a log that share it."""
+        columns: dict[tuple[Path, str], list[str]] = {}
         slowest_s = max((tally.usual_s for tally in self._tallies.values()), default=0.0)
         for tally in self._tallies.values():
             place = tally.column.place
@@ -124,7 +126,10 @@ class Remarks:
             on_ticks = "; ".join(filter(None, of_ticks))
             for said in (_on_blanks(tally), _on_turns(tally), on_ticks):
                 if said:
-                    yield f"{place.log.path}, column {place.address!r}: {said}"
+                    columns.setdefault((place.log.path, said), []).append(repr(place.address))
+        for (path, said), named in columns.items():
+            which = f"column {named[0]}" if len(named) == 1 else f"columns {', '.join(named)}"
+            yield f"{path}, {which}: {said}"
 
     def _of(self, column: Series) -> _Tally:
         return self._tallies.setdefault(column.name, _Tally(column))
