@@ -213,7 +213,7 @@ def test_what_is_said_of_several_columns_is_said_once_and_names_each(here: Path)
         "data", "import", "table", "run0.csv", "--columns", "columns.toml", "--out", "s"
     )
     flat = " ".join(told.split())
-    assert flat.count("columns 'm1', 'm2', 'm3', 'm4': 1 samples have no number") == 1
+    assert flat.count("columns 'm1', 'm2', 'm3', 'm4': 1 sample has no number") == 1
 
 
 def test_what_many_logs_share_is_printed_once(here: Path) -> None:

@@ -164,17 +164,18 @@ def _on_blanks(tally: _Tally) -> str:
             return ""  # the ticks say it
         there = tally.rows - tally.blank
         return f"{there} of {tally.rows} samples have a number; the others are not measured"
+    without = f"{tally.blank} sample{' has' if tally.blank == 1 else 's have'} no number"
     if column.wanted.column.resample is not None:
         left_out = (
             f", and {tally.outer_s:.3g} s before the first and after the last are left out"
             if tally.outer_s > _FEW * tally.lasts_s
             else ""
         )
-        return f"{tally.blank} samples have no number; the others alone are taken{left_out}"
+        return f"{without}; the others alone are taken{left_out}"
     counts = ", and counts as measured" if _is_output(column) else ""
     if "force" in column.wanted.column.roles:
         counts = ", as a label that nobody measured"
-    return f"{tally.blank} samples have no number; the last one is held{counts}"
+    return f"{without}; the last one is held{counts}"
 
 
 def _on_turns(tally: _Tally) -> str:
