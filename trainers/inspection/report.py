@@ -5,12 +5,15 @@ In: a finished run, and its pictures where they were drawn. Out: `report.html` i
 
 import math
 import shlex
-from collections.abc import Mapping
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from trainers.trained_run import TrainedRun
+from trainers.training.baselines import MEAN, ZERO
 from trainers.training.episode_scores import worst_first
 from trainers.training.runs import CURVES, METRICS, PREDICTION, REPORT, RunConfig
 from trainers.training.score import Score
@@ -19,7 +22,8 @@ from wakedeploy.core.files import write_text_whole
 from wakedeploy.core.line_chart import Curve, LineChart
 from wakedeploy.core.manifest import Quantity, Scores
 
-_LATE = 0.9  # of the epochs: a best one after that says that the fit was still getting better
+_LATE = 0.2  # of the epochs, by which it is judged whether the error still falls
+_COUNTS = 0.01  # of the error: what a tenth of the epochs has to gain, for more to be worth trying
 _GOOD, _POOR = 0.9, 0.5  # R²
 _EPISODES = 200  # that the page shows; the worst ones, where there are more
 _CAPTIONS = {
@@ -56,7 +60,9 @@ def _page_fields(run: TrainedRun, baselines: Mapping[str, Score]) -> dict[str, A
         "subtitle": f"Finished {metrics.finished_utc[:16].replace('T', ' ')} UTC after "
         f"{metrics.seconds:.0f} s of training.",
         "answers": [
-            *chain(*((*_answer(run, c), *_beaten(run, c, baselines)) for c in config.force)),
+            *chain(
+                *((*_answer(run, c, baselines), *_beaten(run, c, baselines)) for c in config.force)
+            ),
             *_remarks(run),
         ],
         "tile_pairs": _tiles(run),
@@ -66,36 +72,75 @@ def _page_fields(run: TrainedRun, baselines: Mapping[str, Score]) -> dict[str, A
         "chart_of_errors": chart,
         "pictures": [pages.Picture(p, _CAPTIONS[name]) for name, p in drawn if p.exists()],
         "settings": _settings(config),
-        "next": _commands(run),
+        "next": _next(run) if _learned(run, baselines) else _attempts(run),
     }
 
 
-def _answer(run: TrainedRun, channel: Quantity) -> list[str]:
+def _answer(run: TrainedRun, channel: Quantity, baselines: Mapping[str, Score]) -> list[str]:
     """How well one force is predicted, for who knows nothing of R²."""
     rmse, r2 = run.metrics.test.rmse[channel.name], run.metrics.test.r2[channel.name]
     lead_s = run.config.lead_s
     ahead = f" {1e3 * lead_s:.0f} ms ahead" if lead_s else ""
     sentence = f"It predicts {channel.name}{ahead} to within {rmse:.3g} {channel.unit} (RMS)"
+    bar = _constant(channel, baselines)
+    if bar is not None and rmse >= bar.rmse:
+        return [
+            f"{sentence}: it learned nothing.",
+            f"Always naming {bar.named} does as well: it errs by {bar.rmse:.3g} {channel.unit}.",
+        ]
+    judged = "Judged on episodes that took no part in training."
+    if bar is not None:
+        judged = f"Always naming {bar.named} errs by {bar.rmse:.3g} {channel.unit}. {judged}"
     if r2 is None:
-        return [f"{sentence}.", "In the test episodes this force never changes."]
-    if r2 <= 0.0:
-        return [f"{sentence}: it learned nothing.", "Always naming the mean force does as well."]
-    spread = rmse / math.sqrt(1.0 - r2) if r2 < 1.0 else math.inf
+        return [f"{sentence}.", f"{judged} In them this force never changes."]
     word = "well" if r2 >= _GOOD else "in part" if r2 >= _POOR else "poorly"
-    return [
-        f"{sentence}: {word}.",
-        f"Always naming the mean would be off by {spread:.3g} {channel.unit}, so that it explains "
-        f"{100 * r2:.0f} % of the force's variance. Judged on episodes that took no part in "
-        "training.",
+    if r2 <= 0.0:
+        # R² compares with the mean of the test samples themselves, which nobody knows beforehand.
+        share = (
+            "Its ups and downs there it does not follow: naming their own mean would err by"
+            f" {_spread(rmse, r2):.3g} {channel.unit}."
+        )
+    else:
+        share = f"It explains {100 * r2:.0f} % of the force's variance there."
+    return [f"{sentence}: {word}.", f"{judged} {share}"]
+
+
+@dataclass(frozen=True)
+class _Constant:
+    """A force that never changes as a forecast: how it is called, and its error [unit of it]."""
+
+    named: str
+    rmse: float
+
+
+def _constant(channel: Quantity, baselines: Mapping[str, Score]) -> _Constant | None:
+    """The better of the two forecasts that take no knowledge of the present; None without them."""
+    named = {MEAN: "the mean force of the training episodes", ZERO: "a force of zero"}
+    known = [
+        _Constant(words, baselines[name].rmse[channel.name])
+        for name, words in named.items()
+        if name in baselines
     ]
+    return min(known, key=lambda each: each.rmse, default=None)
+
+
+def _spread(rmse: float, r2: float) -> float:
+    """The standard deviation of the force about its own mean, from an error and its R² below 1."""
+    return rmse / math.sqrt(1.0 - r2)
+
+
+def _learned(run: TrainedRun, baselines: Mapping[str, Score]) -> bool:
+    """Whether every force is predicted better than by naming a constant."""
+    bars = {c.name: _constant(c, baselines) for c in run.config.force}
+    return all(bar is None or run.metrics.test.rmse[c] < bar.rmse for c, bar in bars.items())
 
 
 def _beaten(run: TrainedRun, channel: Quantity, baselines: Mapping[str, Score]) -> list[str]:
     """That a formula without a network errs less, where one does; the best of them."""
     errors = {name: score.rmse[channel.name] for name, score in baselines.items()}
     best = min(errors, key=errors.__getitem__, default="")
-    if not best or errors[best] >= run.metrics.test.rmse[channel.name]:
-        return []
+    if best in ("", MEAN, ZERO) or errors[best] >= run.metrics.test.rmse[channel.name]:
+        return []  # that it is beaten by a constant is said already
     return [
         f"Something simpler does better: {best} errs by {errors[best]:.3g} {channel.unit}. Train "
         "longer, on more episodes, or another architecture."
@@ -105,14 +150,30 @@ def _beaten(run: TrainedRun, channel: Quantity, baselines: Mapping[str, Score]) 
 def _remarks(run: TrainedRun) -> list[str]:
     """What the errors over the epochs say about the next attempt."""
     metrics = run.metrics
-    if len(metrics.history) > 1 and metrics.best_epoch > _LATE * metrics.epochs:
+    if metrics.epochs == run.config.settings.get("epochs") and still_falling(metrics.history):
         return [
-            f"Its best epoch was {metrics.best_epoch} of {metrics.epochs}: the error was still "
-            "falling, and more epochs may help."
+            f"The error on validation still fell in the last of its {metrics.epochs} epochs: more "
+            "of them may help."
         ]
     ceiling = metrics.test_r2_ceiling or {}
     limits = [f"{name}: {100 * share:.0f} %" for name, share in ceiling.items()]
     return [f"More than this nobody can explain of it: {', '.join(limits)}."] if limits else []
+
+
+def still_falling(losses: Sequence[float]) -> bool:
+    """Whether the loss on validation falls at the end of a fit that had all of its epochs.
+
+    Of the last fifth the first half is compared with the second. There the learning rate is below a
+    tenth of its peak. Before, errors also fall since the rate does: the weights jitter less, and
+    more epochs would repeat that and no more. Noise from epoch to epoch is no fall: every loss of
+    the second half has to lie below every one of the first, and the error by a share that counts.
+    """
+    half = max(2, round(_LATE * len(losses) / 2))
+    if len(losses) < 2 * half:
+        return False
+    before, after = losses[-2 * half : -half], losses[-half:]
+    falls = 1.0 - math.sqrt(statistics.median(after) / max(statistics.median(before), 1e-300))
+    return max(after) < min(before) and falls > _COUNTS
 
 
 def _tiles(run: TrainedRun) -> list[tuple[str, str]]:
@@ -187,7 +248,7 @@ def _settings(config: RunConfig) -> pages.Table:
     return pages.Table(["setting", "value"], rows)
 
 
-def _commands(run: TrainedRun) -> list[str]:
+def _next(run: TrainedRun) -> tuple[str, list[str]]:
     """From here to a flight, or to a package elsewhere."""
     package = f"{run.config.arch}.onnx"
     lines = [
@@ -196,4 +257,20 @@ def _commands(run: TrainedRun) -> list[str]:
     ]
     if run.config.domain == "gantry":
         lines.append(f"wakedeploy run-gantry --package {package} --virtual --seconds 20 --live")
-    return lines
+    return "What to do next: make a package of it, prove it, and fly it.", lines
+
+
+def _attempts(run: TrainedRun) -> tuple[str, list[str]]:
+    """What to try where nothing was learned: is it the data, the lead, or the fit?"""
+    data = shlex.quote(run.metrics.data_folder or "SET")
+    return (
+        "What to try: look whether units and ranges are right. Score the training episodes: if the "
+        "error is small there, more and longer episodes help. If it is large there too, train "
+        "longer or at another `--learning-rate`. Where neither helps, the observations may not "
+        "tell the force: predict it at the present moment, and with a longer `window_s`.",
+        [
+            f"wakedeploy data show {data}",
+            f"wakedeploy evaluate {shlex.quote(str(run.folder))} --data {data} --split train",
+            f"wakedeploy train --data {data} --lead 0 --out runs-lead-0",
+        ],
+    )

@@ -18,7 +18,7 @@ from trainers.training.tape import Tape, lay_tape
 from wakedeploy.core.episodes import EpisodeSet, window_shape
 from wakedeploy.core.errors import UnusableInput
 
-MEAN, TICK, WINDOW = "training mean", "linear, one tick", "linear, window"
+ZERO, MEAN, TICK, WINDOW = "zero", "training mean", "linear, one tick", "linear, window"
 
 _SAMPLES_AT_ONCE = 4_096  # bounds memory
 
@@ -40,7 +40,7 @@ def baselines(
         k, stride = window_shape(data.window_s, data.rate_hz)
         mean = learned.force[learned.scored].double().mean(0)  # (o,)
         forces = {
-            "zero": forces.pop("zero"),
+            ZERO: forces.pop(ZERO),
             MEAN: mean.float().expand_as(tape.force),
             TICK: linear_forces(learned, validation, tape, Memory("none")),
             WINDOW: linear_forces(learned, validation, tape, Memory("window", k=k, stride=stride)),

@@ -18,7 +18,7 @@ from trainers.inspection import pictures
 from trainers.inspection.curves import draw_curves
 from trainers.inspection.pictures import write_pictures
 from trainers.inspection.prediction import draw_prediction
-from trainers.inspection.report import REPORT, write_run_report
+from trainers.inspection.report import REPORT, still_falling, write_run_report
 from trainers.trained_run import TrainedRun, load_run
 from trainers.training.baselines import baselines
 from trainers.training.fit import Fit, FitSettings
@@ -80,8 +80,10 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     words = re.sub(r"</?span>", "", write_run_report(run, beside).read_text("utf-8"))
     text = html.unescape(words)
     assert "It predicts f_n to within 0.006 N (RMS): well." in text
-    assert "naming the mean would be off by 0.02 N" in text  # 0.02² × 0.09 = 0.006²
-    assert "explains 91 % of the force's variance" in text
+    mean = f"{beside['training mean'].rmse['f_n']:.3g}"
+    assert f"Always naming the mean force of the training episodes errs by {mean} N." in text
+    assert "Judged on episodes that took no part in training." in text
+    assert "explains 91 % of the force's variance there" in text
     assert f"wakedeploy export --run {run.folder}" in text
     assert "run-gantry" not in text  # no gantry
     dots = re.findall(r"<title>validation: ([\d.]+) at epoch (\d+)</title>", text)
@@ -101,6 +103,45 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
         ) == is_told
     before = write_run_report(run, beside).stat().st_mtime_ns
     assert write_run_report(run, beside).stat().st_mtime_ns == before
+
+
+def page_of(run: TrainedRun, rmse: float, r2: float | None, beside: dict) -> str:
+    """What the page of a run with these errors on test episodes says."""
+    kept = run.metrics.model_copy(update={"test": Scores(rmse={"f_n": rmse}, r2={"f_n": r2})})
+    (run.folder / REPORT).unlink(missing_ok=True)
+    page = write_run_report(dataclasses.replace(run, metrics=kept), beside).read_text("utf-8")
+    return html.unescape(re.sub(r"</?(span|code|wbr)>", "", page))
+
+
+def test_nothing_learned_is_said_by_the_forecast_that_is_named(echo: EpisodeSet, tmp_path) -> None:
+    run = trained(echo, tmp_path)
+    zero = baselines(echo, "test", 0.0)["zero"]
+    beside = {"zero": dataclasses.replace(zero, rmse={"f_n": 0.2}),
+              "training mean": dataclasses.replace(zero, rmse={"f_n": 0.1753})}  # fmt: skip
+    better = page_of(run, 0.0731, -7.0, beside)
+    assert "learned nothing" not in better
+    assert "to within 0.0731 N (RMS): poorly." in better
+    assert "the mean force of the training episodes errs by 0.175 N" in better
+    assert "naming their own mean would err by 0.0258 N" in better  # 0.0258² × 8 = 0.0731²
+    assert "make a package of it, prove it, and fly it" in better
+    worse = page_of(run, 0.18, 0.1, beside)
+    assert "to within 0.18 N (RMS): it learned nothing." in worse
+    assert "Always naming the mean force of the training episodes does as well" in worse
+    assert "fly it" not in worse
+    assert "What to try: look whether units and ranges are right." in worse
+    assert "--split train" in worse
+    calm = page_of(run, 0.05, None, {"zero": dataclasses.replace(zero, rmse={"f_n": 0.02})})
+    assert "Always naming a force of zero does as well: it errs by 0.02 N." in calm
+
+
+def test_more_epochs_are_advised_only_where_the_error_still_falls() -> None:
+    flat = [0.5 * 0.8**epoch + 0.0165 for epoch in range(60)]
+    noisy = [0.0165 + 0.0002 * (-1) ** epoch for epoch in range(59)] + [0.016]  # the last is best
+    falling = [1.0 * 0.98**epoch for epoch in range(60)]
+    assert [still_falling(each) for each in (flat, noisy, falling)] == [False, False, True]
+    assert still_falling([1.2, 0.44, 0.3, 0.2, 0.17])
+    assert not still_falling([0.9, 0.8, 0.7])  # too few to tell it from noise
+    assert not still_falling([0.0] * 60)
 
 
 def test_curves_are_the_errors_of_each_epoch_with_the_best_marked() -> None:
