@@ -124,6 +124,24 @@ def test_another_range_is_warned_of_by_its_category_where_it_was_evaluated(runs:
         wd.evaluate(runs, other)
 
 
+def test_scoring_says_on_which_episodes_the_runs_were_trained(runs: wd.Runs) -> None:
+    """Of a set made anew, too, and of runs that recorded only which set they learned from."""
+    data, told = echo(), []
+    others = dataclasses.replace(
+        data, episodes=(data.episodes[0], data.episodes[5]), split={"e0": "test", "e5": "test"}
+    )
+    for split in ("test", "validation", "train"):
+        wd.evaluate(runs, data, split, warn=told.append)
+    assert told == []
+    wd.evaluate(runs, data, "all", warn=told.append)
+    wd.evaluate(runs, others, "test", warn=told.append)
+    kept = runs[0].metrics.model_copy(update={"learned_from": ()})
+    wd.evaluate(dataclasses.replace(runs[0], metrics=kept), data, "all", warn=told.append)
+    assert told[0].startswith("4 of the 6 episodes scored, such as e0, were learned from: errors")
+    assert told[1].startswith("1 of the 2 episodes scored, such as e0, were learned from")
+    assert told[2] == told[0]
+
+
 def test_episodes_become_a_table(runs: wd.Runs) -> None:
     with pytest.raises(wd.UnusableInput, match='give "runs" or "episodes"'):
         runs.to_pandas("files")

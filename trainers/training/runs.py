@@ -33,6 +33,7 @@ from wakedeploy.core.validation import first_problem
 TRAINING = 2
 
 LONGEST_LEAD_S = 3600.0
+SHORT_HASH = 16  # digits of an episode's hash that a record keeps; no two episodes share so many
 
 CONFIG, METRICS = "config.json", "metrics.json"
 BEST, LAST = "best.safetensors", "last.safetensors"
@@ -99,7 +100,8 @@ class RunMetrics(_Record):
     `trainers.training.fit` has it, `ridge` what a solved readout was chosen by. `device` is where
     it was fitted; scores are always computed on the CPU. `test_episodes` are the errors in each
     test episode; records of an earlier version have none, and `wd.train` scores such runs anew.
-    `data_folder` is where the set lay, if it was read from a folder.
+    `learned_from` has the hashes of the training episodes, `SHORT_HASH` digits of each; records of
+    an earlier version have none. `data_folder` is where the set lay, if it was read from a folder.
     """
 
     finished_utc: str
@@ -115,6 +117,7 @@ class RunMetrics(_Record):
     test: Scores
     test_r2_ceiling: dict[str, float] | None
     test_episodes: tuple[EpisodeScore, ...] = ()
+    learned_from: tuple[str, ...] = ()
     weights_sha256: str
     device: str = "cpu"
     data_folder: str | None = None

@@ -26,6 +26,7 @@ from trainers.training.runs import (
     METRICS,
     PREDICTION,
     REPORT,
+    SHORT_HASH,
     TRAINING,
     RidgeErrors,
     RunConfig,
@@ -42,7 +43,7 @@ from trainers.training.runs import (
 )
 from trainers.training.score import Score, score
 from trainers.training.tape import Tape, lay_tape
-from wakedeploy.core.episodes import FILTERED, SPLITS, EpisodeSet
+from wakedeploy.core.episodes import FILTERED, SPLITS, Episode, EpisodeSet
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.files import remove_unfinished, sha256_of
 from wakedeploy.core.locks import one_at_a_time
@@ -79,6 +80,7 @@ def configure(
     further than the set's window, its warm-up lasts until its memory is full.
     """
     _require_moving_forces(data)
+    _require_apart(data)
     unknown = set(present_only) - {c.name for c in data.observation}
     if unknown:
         raise UnusableInput(f"{data.domain} has no channel {', '.join(sorted(unknown))}.")
@@ -246,12 +248,36 @@ def _require_moving_forces(data: EpisodeSet) -> None:
     for i, channel in enumerate(data.force):
         first = episodes[0].force[0, i] if episodes else 0.0
         if episodes and all((episode.force[:, i] == first).all() for episode in episodes):
-            where = f"This {data.domain} set" if data.folder is None else str(data.folder)
             raise UnusableInput(
-                f"{where}: the force {channel.name} is {first:.6g} {channel.unit} in all training"
-                " episodes, which is nothing to learn; give episodes in which it changes, or leave"
+                f"{_where(data)}: the force {channel.name} is {first:.6g} {channel.unit} in all"
+                " training episodes, which is nothing to learn; give episodes in which it changes, or leave"
                 " the channel out."
             )
+
+
+def _require_apart(data: EpisodeSet) -> None:
+    """UnusableInput where an episode of one split lies in another one too, under another name."""
+    first: dict[str, Episode] = {}
+    copies = []
+    for split in SPLITS:
+        for episode in data.part(split):
+            known = first.setdefault(episode.sha256, episode)
+            if data.split[known.name] != split:
+                copies.append((known, episode))
+    if not copies:
+        return
+    (known, copy), others = copies[0], len(copies) - 1
+    more = f", and {others} more are copies" if others else ""
+    raise UnusableInput(
+        f"{_where(data)}: the {data.split[copy.name]} episode {copy.name} is the"
+        f" {data.split[known.name]} episode {known.name}, sample by sample{more}. Errors on what"
+        " was learned say nothing of new recordings; leave copies out, or give them to one split."
+    )
+
+
+def _where(data: EpisodeSet) -> str:
+    """How a set is called in a sentence."""
+    return f"This {data.domain} set" if data.folder is None else str(data.folder)
 
 
 def _tapes_of(config: RunConfig, data: EpisodeSet) -> tuple[Tape, Tape]:
@@ -425,6 +451,7 @@ def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, de
         test=_scores(test, folder),
         test_r2_ceiling=test.ceiling,
         test_episodes=test.episodes,
+        learned_from=tuple(episode.sha256[:SHORT_HASH] for episode in data.part("train")),
         weights_sha256=sha256_of((folder / BEST).read_bytes()),
         device=device,
         data_folder=None if data.folder is None else str(data.folder),

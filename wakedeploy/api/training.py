@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from trainers.trained_run import TrainedRun
     from trainers.training.runs import RunConfig
     from trainers.training.score import Score
-    from wakedeploy.core.episodes import EpisodeSet
+    from wakedeploy.core.episodes import Episode, EpisodeSet
 
 
 class Runs(Sequence["TrainedRun"]):
@@ -178,9 +178,9 @@ def evaluate(
         data: A set, or the folder of one; its channels and rate have to be the runs'.
         split: "train", "validation", "test" or "all".
         progress: Called with a stage, the runs done and their number.
-        warn: Called with a sentence about runs in a folder that do not fit the set, and about
-            channels that have other values than in training. Default: Python's warnings, the latter
-            by `wd.OutOfRange`.
+        warn: Called with a sentence about runs in a folder that do not fit the set, about episodes
+            that they learned from, and about channels that have other values than in training.
+            Default: Python's warnings, the last by `wd.OutOfRange`.
 
     Returns:
         RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
@@ -195,6 +195,7 @@ def evaluate(
     data = episode_set(data)
     trained = _trained_runs(runs, data, place, progress, warn)
     _warn_of_ranges(trained, data, split, warn)
+    _warn_of_learned(trained, data, split, warn)
     warm_up = max(data.warm_up_steps, *(_warm_up_steps(run) for run in trained))
     rows = []
     for number, run in enumerate(trained, 1):
@@ -514,6 +515,33 @@ def _warn_of_ranges(
     for run in others.values():
         if sentence := out_of_range(seen, run.config.observation):
             tell(f"{run.folder}: {sentence}")
+
+
+def _warn_of_learned(
+    trained: "list[TrainedRun]", data: "EpisodeSet", split: str, warn: Warn
+) -> None:
+    """Say where runs are scored on what they learned from, unless just that was asked for."""
+    scored = data.part(split)
+    known: set[str] = set()
+    for run in trained:
+        of_this_set = run.config.data_sha256 == data.sha256
+        if not (of_this_set and split == "train"):
+            known |= {e.name for e in scored if _learned(run, data, e, of_this_set)}
+    if known:
+        warn(
+            f"{len(known)} of the {len(scored)} episodes scored, such as {min(known)}, were learned"
+            " from: errors there say nothing of new recordings. Score by --split test"
+            ' (split="test"), or on a set that no run has seen.'
+        )
+
+
+def _learned(run: "TrainedRun", data: "EpisodeSet", episode: "Episode", of_this_set: bool) -> bool:
+    """Whether a run was trained on an episode of a set; by its split where it recorded no hash."""
+    from trainers.training.runs import SHORT_HASH
+
+    if not run.metrics.learned_from:
+        return of_this_set and data.split[episode.name] == "train"
+    return episode.sha256[:SHORT_HASH] in run.metrics.learned_from
 
 
 def _place_in_table(run: "TrainedRun") -> tuple[int, int]:

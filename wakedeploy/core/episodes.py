@@ -92,6 +92,14 @@ class Episode:
         shapes = [f"{name} {array.shape}" for name, array in self.arrays.items()]
         return f"<Episode {self.name}: {', '.join(shapes)}>"
 
+    @functools.cached_property
+    def sha256(self) -> str:
+        """Hash over observation and force, whatever it is called: copies have the same."""
+        digest = hashlib.sha256(f"{self.observation.shape}{self.force.shape}".encode())
+        for array in (self.observation, self.force):
+            digest.update(np.ascontiguousarray(array, dtype="<f4").tobytes())
+        return digest.hexdigest()
+
     @property
     def arrays(self) -> dict[str, Array]:
         """All arrays by name, in a fixed order."""

@@ -96,6 +96,17 @@ def test_a_force_that_never_changes_is_refused_by_its_name(echo: EpisodeSet) -> 
         configure(data, "agile-mlp", seed=0, lead_s=0.0)
 
 
+@pytest.mark.parametrize("split", ["validation", "test"])
+def test_a_copy_of_a_training_episode_is_no_test_of_it(echo: EpisodeSet, split: str) -> None:
+    learned = echo.part("train")[1]
+    copied = dataclasses.replace(echo.part(split)[0], observation=learned.observation.copy(),
+                                 force=learned.force.copy())  # fmt: skip
+    episodes = tuple(copied if e.name == copied.name else e for e in echo.episodes)
+    says = f"the {split} episode {copied.name} is the train episode {learned.name}, sample by"
+    with pytest.raises(UnusableInput, match=says):
+        configure(dataclasses.replace(echo, episodes=episodes), "gru", seed=0, lead_s=0.0)
+
+
 def test_an_interrupted_run_keeps_its_epochs_and_says_why(echo: EpisodeSet, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         trained(echo, tmp_path, "agile-mlp", on_epoch=interrupt_after(2))
