@@ -89,6 +89,27 @@ def test_what_learned_nothing_stands_beside_what_did(folder: Path, echo: Episode
     assert zero["lead_s"] == observer["lead_s"] == 0.05
 
 
+def test_a_score_says_on_how_many_samples_it_rests(echo: EpisodeSet, tmp_path: Path) -> None:
+    """Also where the set is described, before anything is trained on it."""
+    short = tuple(
+        dataclasses.replace(e, observation=e.observation[:13], force=e.force[:13])
+        if echo.split[e.name] == "test" else e for e in echo.episodes
+    )  # fmt: skip
+    dataclasses.replace(echo, episodes=short).write(tmp_path / "set")
+    asked = ("--data", tmp_path / "set", "--arch", "agile-mlp", "--epochs", 1)
+    done = wakedeploy("train", *asked, "--out", tmp_path / "runs", "--no-pictures")
+    scored = wakedeploy("evaluate", tmp_path / "runs", "--data", tmp_path / "set")
+    shown = wakedeploy("data", "show", tmp_path / "set")
+    for each in (done, scored, shown):
+        assert each.exit_code == 0, each.output
+        assert "Only 3 test samples are scored:" in " ".join(each.output.split())
+        assert (each is shown) or "test episodes (3 samples)" in " ".join(each.output.split())
+    enough = wakedeploy(
+        "evaluate", tmp_path / "runs", "--data", tmp_path / "set", "--split", "train"
+    )
+    assert "Only" not in enough.output
+
+
 def test_one_run_folder_and_every_split_can_be_evaluated(folder: Path) -> None:
     done = wakedeploy(
         "evaluate", folder / "runs/echo/agile-mlp/s1", "--data", folder / "set", "--split", "all",

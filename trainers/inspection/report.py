@@ -18,6 +18,7 @@ from trainers.training.episode_scores import worst_first
 from trainers.training.runs import CURVES, METRICS, PREDICTION, REPORT, RunConfig
 from trainers.training.score import Score
 from wakedeploy.core import pages
+from wakedeploy.core.few_samples import few_samples
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.core.line_chart import Curve, LineChart
 from wakedeploy.core.manifest import Quantity, Scores
@@ -64,6 +65,7 @@ def _page_fields(run: TrainedRun, baselines: Mapping[str, Score]) -> dict[str, A
                 *((*_answer(run, c, baselines), *_beaten(run, c, baselines)) for c in config.force)
             ),
             *_remarks(run),
+            *_few(run),
         ],
         "tile_pairs": _tiles(run),
         "errors": _errors(run, baselines),
@@ -135,6 +137,18 @@ def _learned(run: TrainedRun, baselines: Mapping[str, Score]) -> bool:
     return all(bar is None or run.metrics.test.rmse[c] < bar.rmse for c, bar in bars.items())
 
 
+def _few(run: TrainedRun) -> list[str]:
+    """That the errors rest on few samples, where they do."""
+    counts = {"validation": run.metrics.validation_samples or 0, "test": _tested(run)}
+    sentence = few_samples(counts)
+    return [] if sentence is None else [sentence]
+
+
+def _tested(run: TrainedRun) -> int:
+    """How many test samples were scored."""
+    return sum(episode.samples for episode in run.metrics.test_episodes)
+
+
 def _beaten(run: TrainedRun, channel: Quantity, baselines: Mapping[str, Score]) -> list[str]:
     """That a formula without a network errs less, where one does; the best of them."""
     errors = {name: score.rmse[channel.name] for name, score in baselines.items()}
@@ -184,22 +198,34 @@ def _tiles(run: TrainedRun) -> list[tuple[str, str]]:
         tiles.append((f"{channel.name}, RMS error", error))
         if (r2 := test.r2[channel.name]) is not None:
             tiles.append((f"{channel.name}, R²", f"{r2:.3f}"))
+    tiles.append(("test samples scored", f"{_tested(run):,}"))
     return [*tiles, ("trainable parameters", f"{run.metrics.trainable:,}")]
 
 
 def _errors(run: TrainedRun, baselines: Mapping[str, Score]) -> pages.Table:
     """A row per predictor, split and force: what it has to beat, then the run."""
-    scored: list[tuple[str, str, Score | Scores]] = [
-        (name, "test", score) for name, score in baselines.items()
+    scored: list[tuple[str, str, int | None, Score | Scores]] = [
+        (name, "test", score.samples, score) for name, score in baselines.items()
     ]
-    scored.append((run.config.arch, "validation", run.metrics.validation))
-    scored.append((run.config.arch, "test", run.metrics.test))
+    metrics = run.metrics
+    scored.append((run.config.arch, "validation", metrics.validation_samples, metrics.validation))
+    scored.append((run.config.arch, "test", _tested(run), metrics.test))
     rows = [
-        [name, split, c.name, f"{score.rmse[c.name]:.4g}", c.unit, _r2(score, c)]
-        for name, split, score in scored
+        [
+            name,
+            split,
+            "–" if samples is None else f"{samples:,}",
+            c.name,
+            f"{score.rmse[c.name]:.4g}",
+            c.unit,
+            _r2(score, c),
+        ]
+        for name, split, samples, score in scored
         for c in run.config.force
     ]
-    return pages.Table(["predictor", "episodes", "force", "RMS error", "unit", "R²"], rows)
+    return pages.Table(
+        ["predictor", "episodes", "samples", "force", "RMS error", "unit", "R²"], rows
+    )
 
 
 def _episodes(run: TrainedRun) -> pages.Table:

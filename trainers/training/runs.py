@@ -100,6 +100,7 @@ class RunMetrics(_Record):
     `trainers.training.fit` has it, `ridge` what a solved readout was chosen by. `device` is where
     it was fitted; scores are always computed on the CPU. `test_episodes` are the errors in each
     test episode; records of an earlier version have none, and `wd.train` scores such runs anew.
+    `validation_samples` are those that were scored there, None in records of an earlier version.
     `learned_from` has the hashes of the training episodes, `SHORT_HASH` digits of each; records of
     an earlier version have none. `data_folder` is where the set lay, if it was read from a folder.
     """
@@ -117,6 +118,7 @@ class RunMetrics(_Record):
     test: Scores
     test_r2_ceiling: dict[str, float] | None
     test_episodes: tuple[EpisodeScore, ...] = ()
+    validation_samples: int | None = None
     learned_from: tuple[str, ...] = ()
     weights_sha256: str
     device: str = "cpu"

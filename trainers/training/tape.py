@@ -92,6 +92,12 @@ def lay_tape(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> Tape:
     )
 
 
+def scored_samples(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> int:
+    """How many samples of a split are scored after `warm_up` samples of each episode and lead."""
+    lengths = (len(shift_ahead(e.force, lead_s, data.rate_hz)) for e in data.part(split))
+    return sum(max(0, length - warm_up) for length in lengths)
+
+
 def _too_short(data: EpisodeSet, split: str, lead_s: float, warm_up: int) -> UnusableInput:
     """The sentence for a split of which warm-up and lead leave nothing."""
     if not data.part(split):

@@ -250,8 +250,8 @@ def _require_moving_forces(data: EpisodeSet) -> None:
         if episodes and all((episode.force[:, i] == first).all() for episode in episodes):
             raise UnusableInput(
                 f"{_where(data)}: the force {channel.name} is {first:.6g} {channel.unit} in all"
-                " training episodes, which is nothing to learn; give episodes in which it changes, or leave"
-                " the channel out."
+                " training episodes, which is nothing to learn; give episodes in which it changes,"
+                " or leave the channel out."
             )
 
 
@@ -451,6 +451,7 @@ def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, de
         test=_scores(test, folder),
         test_r2_ceiling=test.ceiling,
         test_episodes=test.episodes,
+        validation_samples=validation.samples,
         learned_from=tuple(episode.sha256[:SHORT_HASH] for episode in data.part("train")),
         weights_sha256=sha256_of((folder / BEST).read_bytes()),
         device=device,

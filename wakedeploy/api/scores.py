@@ -166,7 +166,9 @@ class Scores:
             for lead_s, scores in self.baselines.items()
             for name, score in scores.items()
         ]
-        return html_table(f"{self.split.capitalize()} episodes", columns, rows)
+        counts = {score["zero"].samples for score in self.baselines.values()}
+        samples = " or ".join(f"{count:,}" for count in sorted(counts))
+        return html_table(f"{self.split.capitalize()} episodes ({samples} samples)", columns, rows)
 
     def _cells(self, scored: "ScoreRow | Score") -> list[str]:
         cells = []

@@ -13,6 +13,7 @@ from wakedeploy.api.inputs import PathLike, episode_set
 from wakedeploy.api.scores import ScoreRow, Scores, Shown, score_row
 from wakedeploy.core.caller import Warn, warn_caller
 from wakedeploy.core.errors import CheckFailed, OutOfRange, UnusableInput
+from wakedeploy.core.few_samples import few_samples
 from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -146,6 +147,7 @@ def train(
     presets = {name: usable_preset(preset, name, data, lead_s, warn) for name in names}
     configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
     _warn_of_long_memory(configs, data, warn)
+    _warn_of_few_samples(configs, data, warn)
     opened = _opened(tracker, Path(out), warn)
     beside = functools.cache(lambda warm_up: baselines(data, "test", lead_s, warm_up))
     manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn, beside)
@@ -208,6 +210,8 @@ def evaluate(
     fitted = all(run.config.data_sha256 == data.sha256 for run in trained)
     leads = sorted({run.config.lead_s for run in trained})
     beside = {s: baselines(data, split, s, warm_up, fitted=fitted) for s in leads}
+    if sentence := few_samples({split: min(each["zero"].samples for each in beside.values())}):
+        warn(sentence)
     return Scores(tuple(rows), beside, trained[0].config.force, split)
 
 
@@ -311,6 +315,16 @@ def _warn_of_long_memory(configs: "list[RunConfig]", data: "EpisodeSet", warn: W
         " every memory is full. Choose a shorter memory, or make the set with a longer window_s, to"
         " compare with other runs."
     )
+
+
+def _warn_of_few_samples(configs: "list[RunConfig]", data: "EpisodeSet", warn: Warn) -> None:
+    """Say where the table's errors, or the choice of the best epoch, rest on few samples."""
+    from trainers.training.tape import scored_samples
+
+    late, lead_s = max(config.warm_up_steps for config in configs), configs[0].lead_s
+    counts = {s: scored_samples(data, s, lead_s, late) for s in ("validation", "test")}
+    if sentence := few_samples(counts):
+        warn(sentence)
 
 
 def _with_history(config: "RunConfig") -> str:

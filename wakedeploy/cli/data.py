@@ -13,6 +13,7 @@ from wakedeploy.cli.data_of_domains import Domains, require_writable, write_set
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, stage_bars, warn, write_json
 from wakedeploy.core.errors import UnusableInput, shown
+from wakedeploy.core.few_samples import few_samples
 
 if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
@@ -79,6 +80,9 @@ def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> 
             ["channel", "unit", "predicting zero", "observer of the sufferer's motion"],
             [[r["name"], r["unit"], f"{r['zero']:.4g}", f"{r['observer']:.4g}"] for r in unlearned],
         )
+    few = few_samples({s["split"]: s["scored"] for s in splits if s["split"] != "train"})
+    if few:
+        warn(few)
     if json_path:
         result = {"domain": described.domain, "rate_hz": described.rate_hz}
         result |= {"window_s": described.window_s, "sha256": described.sha256}
@@ -142,6 +146,7 @@ def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
             **recordings.get(split, {}),
             "episodes": len(part),
             "seconds": sum(map(len, part)) / described.rate_hz,
+            "scored": sum(max(0, len(e) - described.warm_up_steps) for e in part),
         }
         for split, part in parts.items()
     ]

@@ -51,7 +51,8 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     for lead_s, baselines in scores.baselines.items():
         rows_of_baselines += baseline_rows(baselines, lead_s)
         at = [row for row in scores.rows if row.lead_s == lead_s]
-        title = f"{data}: {split} episodes, force {lead_s:g} s ahead"
+        samples = baselines["zero"].samples
+        title = f"{data}: {split} episodes ({samples:,} samples), force {lead_s:g} s ahead"
         print_scores(title, at, scores.force, baselines)
         _print_worst(at, scores.force)
     if json_path:

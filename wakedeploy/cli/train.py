@@ -139,7 +139,8 @@ def command(
     _say_what_was_finished(runs, began)
     rows, lead_s = runs.scores.rows, runs[0].config.lead_s
     baselines = runs.scores.baselines[lead_s]
-    title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
+    samples = baselines["zero"].samples
+    title = f"{data}: test episodes ({samples:,} samples), force {lead_s:g} s ahead; runs in {out}"
     print_scores(title, rows, runs[0].config.force, baselines)
     if not no_pictures:
         where = runs[0].folder if len(runs) == 1 else "the folder of each run"

@@ -92,7 +92,8 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     row = ("e0", str(tested.samples), f"{tested.rmse['f_n']:.4g}", f"{tested.relative['f_n']:.3f}")
     assert "<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" in text
     linear = f"{beside['linear, window'].rmse['f_n']:.4g}"
-    assert f"<td>linear, window</td><td>test</td><td>f_n</td><td>{linear}</td>" in text
+    row = ("linear, window", "test", str(tested.samples), "f_n", linear)
+    assert "".join(f"<td>{cell}</td>" for cell in row) in text
     for rmse, is_told in ((0.005, True), (0.007, False)):
         rival = {"linear, one tick": dataclasses.replace(beside["zero"], rmse={"f_n": rmse})}
         (run.folder / REPORT).unlink()
@@ -132,6 +133,19 @@ def test_nothing_learned_is_said_by_the_forecast_that_is_named(echo: EpisodeSet,
     assert "--split train" in worse
     calm = page_of(run, 0.05, None, {"zero": dataclasses.replace(zero, rmse={"f_n": 0.02})})
     assert "Always naming a force of zero does as well: it errs by 0.02 N." in calm
+
+
+def test_a_page_says_on_how_many_samples_its_errors_rest(echo: EpisodeSet, tmp_path) -> None:
+    run = trained(echo, tmp_path)
+    (tested,) = run.metrics.test_episodes
+    beside = baselines(echo, "test", 0.0)
+    assert beside["zero"].samples == tested.samples
+    assert "Only" not in page_of(run, 0.01, 0.5, beside)
+    few = run.metrics.model_copy(
+        update={"test_episodes": (dataclasses.replace(tested, samples=3),)}
+    )
+    told = page_of(dataclasses.replace(run, metrics=few), 0.01, 0.5, beside)
+    assert "Only 3 test samples are scored: an error over fewer than 100 is uncertain" in told
 
 
 def test_more_epochs_are_advised_only_where_the_error_still_falls() -> None:
