@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from wakedeploy.core.episodes import whole_steps, window_shape
+from wakedeploy.core.errors import UnusableInput
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,16 @@ class Sizes:
         """The same with another window; None keeps what the domain says.
 
         The window spans `history_s` seconds. `snapshots` is how many it has at most, evenly spaced
-        over all of it: where the rate does not allow that many so spaced, it has fewer.
+        over all of it: where the rate does not allow that many so spaced, it has fewer. Raises
+        UnusableInput for a `history_s` shorter than a sample, which would be no memory at all.
         """
+        if history_s is not None and whole_steps(history_s * self.rate_hz) < 1:
+            sample_s = 1.0 / self.rate_hz
+            raise UnusableInput(
+                f"history_s = {history_s:g} is shorter than the {sample_s:.4g} s from sample to"
+                f" sample, at {self.rate_hz:g} Hz; give at least that, or leave it out for the"
+                " set's window_s."
+            )
         if snapshots is None:
             shape = (self.k, self.stride)
             if history_s is not None:

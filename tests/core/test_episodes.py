@@ -69,12 +69,13 @@ def episode_sets(draw: st.DrawFn) -> EpisodeSet:
         names = draw(st.lists(TEXT, min_size=n, max_size=n, unique=True))
         return tuple(Channel(name, draw(st.text(max_size=4))) for name in names)
 
+    rate_hz = draw(st.floats(0.1, 1000.0))
     return EpisodeSet(
         domain=draw(TEXT),
-        rate_hz=draw(st.floats(0.1, 1000.0)),
+        rate_hz=rate_hz,
         observation=channels(d),
         force=channels(o),
-        window_s=draw(st.floats(0.01, 10.0)),
+        window_s=draw(st.floats(max(0.01, 1.0 / rate_hz), 20.0)),
         loss_weights=tuple(draw(st.lists(st.floats(1e-3, 1e3), min_size=o, max_size=o))),
         split={e.name: draw(st.sampled_from(episodes.SPLITS)) for e in made},
         episodes=tuple(made),
@@ -169,6 +170,7 @@ def unpack(files: dict[str, bytes], folder: Path) -> Path:
         ({"rate_hz": -32.0}, "rate_hz = -32.0: must lie above 0"),
         ({"rate_hz": "32"}, "rate_hz = '32'"),
         ({"window_s": 0.0}, "window_s = 0.0: must lie above 0"),
+        ({"window_s": 0.001}, "window_s = 0.001: is shorter than the"),
         ({"loss_weights": [1.0, 2.0]}, "loss_weights"),
         ({"force": []}, "force channels"),
         ({"observation": [{"name": "dx_m"}]}, "observation.0.unit is missing"),

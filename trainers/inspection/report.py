@@ -12,6 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from trainers.memory import Memory
 from trainers.trained_run import TrainedRun
 from trainers.training.baselines import MEAN, ZERO
 from trainers.training.episode_scores import worst_first
@@ -73,7 +74,7 @@ def _page_fields(run: TrainedRun, baselines: Mapping[str, Score]) -> dict[str, A
         "episodes_of": len(metrics.test_episodes),
         "chart_of_errors": chart,
         "pictures": [pages.Picture(p, _CAPTIONS[name]) for name, p in drawn if p.exists()],
-        "settings": _settings(config),
+        "settings": _settings(config, run.predictor.memory),
         "next": _next(run) if _learned(run, baselines) else _attempts(run),
     }
 
@@ -265,12 +266,16 @@ def _root(loss: float | None) -> float | None:
     return None if loss is None else math.sqrt(max(loss, 0.0))
 
 
-def _settings(config: RunConfig) -> pages.Table:
+def _settings(config: RunConfig, memory: Memory) -> pages.Table:
     """How it was made, for who makes it again."""
     rows = [[f"{config.arch}: {name}", str(value)] for name, value in config.hyper.items()]
     rows += [[f"training: {name}", f"{value:g}"] for name, value in config.settings.items()]
     rows += [["lead", f"{config.lead_s:g} s"], ["rate", f"{config.rate_hz:g} Hz"]]
     rows += [["past that it sees", f"{config.window_s:g} s"], ["set", config.data_sha256[:12]]]
+    if memory.kind == "window":  # `snapshots` is how many there may be at most
+        rows.append(
+            ["snapshots that it sees", f"{memory.k}, {memory.stride / config.rate_hz:g} s apart"]
+        )
     return pages.Table(["setting", "value"], rows)
 
 

@@ -8,7 +8,7 @@ from trainers.dimensions import Dimension
 from trainers.training.fit import FitSettings
 from trainers.training.runs import TRAINING, RunConfig
 from trainers.training.trainer import configure, require_enough, settings_for, tapes
-from trainers.tuning.space import Point, search_space, split
+from trainers.tuning.space import Point, in_effect, search_space, split
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 
@@ -64,7 +64,7 @@ class Plan:
 
     def configured(self, data: EpisodeSet, point: Point) -> RunConfig:
         """The run of a point. Raises UnusableInput for what cannot be built."""
-        hyper, changed = split(self.arch, point)
+        hyper, changed = split(self.arch, in_effect(self.arch, point, self.rate_hz))
         return configure(
             data,
             self.arch,

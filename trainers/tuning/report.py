@@ -25,6 +25,7 @@ from trainers.tuning.study import (
     EPOCHS,
     INTERRUPTED,
     PARAMETERS,
+    POINT,
     REASON,
     REFERENCE,
     all_trials,
@@ -163,7 +164,7 @@ def _row(arch: str, trial: FrozenTrial, repeated: bool, front: bool) -> Row:
         started=trial.datetime_start.isoformat(" ", "seconds") if trial.datetime_start else "",
         front=front,
         reference=REFERENCE in trial.user_attrs,
-        point=trained_point(arch, trial),
+        point=trial.user_attrs.get(POINT) or trained_point(arch, trial),
     )
 
 

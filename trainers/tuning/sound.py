@@ -36,6 +36,7 @@ class _Told(_Record):
     epochs: int = Field(default=0, ge=0, lt=2**53)
     device: str = ""
     pruner: str = ""
+    point: dict[str, Number] = {}
     again: int | None = None
     worker: _Worker | None = None
 
@@ -53,7 +54,8 @@ def problem_of(trial: FrozenTrial, searched: Collection[str], objectives: int) -
         _Told.model_validate(trial.user_attrs)
         _Queued.model_validate(trial.system_attrs)
         _require_possible(trial, objectives)
-        unknown = (trial.params.keys() | fixed_params(trial)) - set(searched)
+        named = trial.params.keys() | fixed_params(trial) | trial.user_attrs.get("point", {}).keys()
+        unknown = named - set(searched)
         if unknown:
             raise ValueError(f"it searches {min(unknown)}, which the study does not")
     except ValidationError as error:

@@ -12,12 +12,14 @@ from optuna.trial import FrozenTrial, Trial
 from trainers.bounds import check_settings, check_value
 from trainers.build import ARCHITECTURES
 from trainers.dimensions import HISTORY, Choice, Dimension, Span
+from trainers.memory import Sizes
 from trainers.training.fit import FitSettings
-from wakedeploy.core.episodes import window_shape
+from wakedeploy.core.episodes import whole_steps, window_shape
 from wakedeploy.core.errors import UnusableInput
 
 Point = dict[str, float]
 
+SNAPSHOTS = "snapshots"
 _DELAY = "initial_delay_s"
 _SHARES = {_DELAY: 0.5, "initial_spread_s": 0.125}  # None stands for, of the window
 
@@ -66,6 +68,21 @@ def split(arch: str, point: Mapping[str, float]) -> tuple[dict[str, float], dict
     return hyper, {name: value for name, value in point.items() if name not in names}
 
 
+def in_effect(arch: str, point: Point, rate_hz: float) -> Point:
+    """A point with the values that a model at this rate is built with.
+
+    `snapshots` and `history_s` become those of the window that fits into the samples: a history
+    of 15 samples has 16 snapshots, however many more were asked for.
+    """
+    hyper, settings = split(arch, point)
+    snapshots, history_s = hyper.get(SNAPSHOTS), hyper.get(HISTORY.name)
+    if snapshots is not None and history_s is not None and whole_steps(history_s * rate_hz):
+        built = Sizes(1, 1, 1, 1, rate_hz).looking_back(history_s, int(snapshots))
+        lasts_s = built.window_memory.reach / rate_hz
+        hyper |= {SNAPSHOTS: built.k, HISTORY.name: legible(HISTORY.name, lasts_s)}
+    return {**hyper, **settings}
+
+
 def legible(name: str, drawn: float) -> float:
     """To a microsecond, or to four digits: what is drawn is trained with as its preset says it."""
     return round(drawn, 6) if name.endswith("_s") else float(f"{drawn:.4g}")
@@ -99,8 +116,8 @@ def point_of(
     count, stride = window_shape(window_s, rate_hz)
     lasts_s = (count - 1) * stride / rate_hz  # a whole number of strides, hardly the window itself
     unstated = {name: share * lasts_s for name, share in _SHARES.items()}
-    unstated |= {"snapshots": count, HISTORY.name: window_s}
-    if "snapshots" in usual and usual["snapshots"] is None:
+    unstated |= {SNAPSHOTS: count, HISTORY.name: window_s}
+    if SNAPSHOTS in usual and usual[SNAPSHOTS] is None:
         usual[HISTORY.name] = lasts_s  # as many snapshots fill it evenly
     point = {}
     for dimension in space:
@@ -123,12 +140,14 @@ def _resolved(dimension: Dimension, window_s: float, rate_hz: float) -> Dimensio
 
     No history has more snapshots than samples: beyond them another number would change nothing.
     """
-    if isinstance(dimension, Span) and dimension.name == "snapshots":
+    if isinstance(dimension, Span) and dimension.name == SNAPSHOTS:
         samples = math.floor(HISTORY.high * window_s * rate_hz + 1e-6) + 1
         return dataclasses.replace(dimension, high=max(dimension.low, min(dimension.high, samples)))
     if isinstance(dimension, Choice) or not dimension.of_window:
         return dimension
     low, high = (float(f"{bound * window_s:.3g}") for bound in (dimension.low, dimension.high))
+    if dimension.name == HISTORY.name:  # one of less than a sample would be none
+        low = max(low, legible(HISTORY.name, 1.0 / rate_hz))
     return dataclasses.replace(dimension, low=low, high=high, of_window=False)
 
 

@@ -21,13 +21,14 @@ from trainers.build import ARCHITECTURES
 from trainers.tuning.plan import COSTS, Plan
 from trainers.tuning.sampler import AGAIN, SeededByTrial
 from trainers.tuning.sound import fixed_params, problem_of
-from trainers.tuning.space import Point, split, trained_point
+from trainers.tuning.space import Point, in_effect, trained_point
 from trainers.tuning.storage import Place
 from wakedeploy.core.errors import UnusableInput
 
 # What a trial says of itself.
 REASON, PARAMETERS, EPOCHS, WORKER = "reason", "parameters", "epochs", "worker"
 DEVICE, PRUNER = "device", "pruner"
+POINT = "point"  # with the values in effect, where they are not those that were drawn
 INTERRUPTED, LOST_BEFORE, REFERENCE = "interrupted", "lost before", "reference"
 Study = optuna.Study
 _IDENTITY = "wakedeploy"
@@ -62,10 +63,17 @@ def default_name(plan: Plan) -> str:
 
 def is_new(study: optuna.Study, point: Point) -> bool:
     """Whether the study neither tried a point nor has it in the queue, as it would be trained."""
-    arch = arch_of(study)
-    asked = split(arch, point)
+    arch, rate_hz = arch_of(study), study.user_attrs[_IDENTITY]["rate_hz"]
+    asked = in_effect(arch, point, rate_hz)
     tried = ({**fixed_params(trial), **trained_point(arch, trial)} for trial in all_trials(study))
-    return all(split(arch, known) != asked for known in tried)
+    return all(in_effect(arch, known, rate_hz) != asked for known in tried)
+
+
+def alike(study: optuna.Study, trial: FrozenTrial | optuna.Trial) -> FrozenTrial | None:
+    """The first trial that came to its end with the very same point; None without one."""
+    point = trial.user_attrs[POINT]
+    ended = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    return next((other for other in ended if other.user_attrs.get(POINT) == point), None)
 
 
 def waiting(study: optuna.Study) -> int:

@@ -20,17 +20,19 @@ from trainers.training.ridge import solve_readout
 from trainers.training.runs import RunConfig, new_predictor
 from trainers.training.trainer import new_fit, tapes
 from trainers.tuning.plan import Plan
-from trainers.tuning.space import Point, suggest
+from trainers.tuning.space import Point, in_effect, suggest
 from trainers.tuning.study import (
     BUDGET,
     DEVICE,
     EPOCHS,
     INTERRUPTED,
     PARAMETERS,
+    POINT,
     PRUNER,
     REASON,
     SHAPE,
     WORKER,
+    alike,
     begin_again,
     pruner_of,
     this_worker,
@@ -91,7 +93,10 @@ class Objective:
             raise
 
     def _judged(self, trial: optuna.Trial) -> float | tuple[float, float]:
-        config = self._configured(trial, suggest(trial, self.plan.dimensions))
+        config = self._configured(trial, self._drawn(trial))
+        if (known := alike(trial.study, trial)) is not None:
+            trial.set_user_attr(REASON, f"is trial {known.number} once more, and not trained again")
+            return known.values[0] if self.plan.cost is None else (known.values[0], known.values[1])
         predictor = self._built(trial, config)
         error = self._trained(trial, config, predictor)
         if self.plan.cost is None:
@@ -99,6 +104,14 @@ class Objective:
         assert self.step_cost is not None
         observations = self.held_out.observation[:_TIMED_SAMPLES].numpy()
         return error, self.step_cost(predictor.to("cpu").eval(), config, observations)
+
+    def _drawn(self, trial: optuna.Trial) -> Point:
+        """The trial's point, with the values in effect; kept for who reads of it."""
+        drawn = suggest(trial, self.plan.dimensions)
+        point = in_effect(self.plan.arch, drawn, self.plan.rate_hz)
+        searched = {n: v for n, v in point.items() if n in trial.params or v != drawn[n]}
+        trial.set_user_attr(POINT, searched)
+        return point
 
     def _configured(self, trial: optuna.Trial, point: Point) -> RunConfig:
         """Held against the budget before any memory is taken or epoch trained."""

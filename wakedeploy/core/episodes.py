@@ -265,6 +265,11 @@ def _check_description(made: EpisodeSet) -> None:
     for label, value, high in (("rate_hz", made.rate_hz, 1e5), ("window_s", made.window_s, 1e3)):
         if not (0 < value <= high and math.isfinite(value)):
             raise ValueError(f"{label} = {value}: must lie above 0 and up to {high:g}")
+    if whole_steps(made.window_s * made.rate_hz) < 1:
+        raise ValueError(
+            f"window_s = {made.window_s:g}: is shorter than the {1.0 / made.rate_hz:.4g} s from"
+            f" sample to sample, at {made.rate_hz:g} Hz; give at least that"
+        )
     for label, channels in (("observation", made.observation), ("force", made.force)):
         names = [channel.name for channel in channels]
         if not names or len(set(names)) < len(names) or "" in names:

@@ -18,6 +18,7 @@ from trainers.tuning.conclude import conclude
 from trainers.tuning.figure import history
 from trainers.tuning.report import Row, _ranked, best_of, front_of, importances, rows_of
 from trainers.tuning.storage import JOURNAL
+from trainers.tuning.trial import Objective
 from trainers.tuning.workers import run_trials
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import CheckFailed
@@ -71,6 +72,30 @@ def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_
 
 def trial(number: int, state: str, error: float | None = None, last: float | None = None) -> Row:
     return Row(number, state, "", error, last, None, 9, 9, 1.0, "cpu", "", False, number == 0, {})
+
+
+def test_a_trial_tells_the_window_that_it_was_trained_with_and_none_is_trained_twice(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A history of 0.5 s at 20 Hz has 11 snapshots, however many more are asked for."""
+    asked = ("snapshots=18,30,41", "hidden=8", "history_s=0.5", "learning_rate=0.01",
+             "weight_decay=0.001", "batch=128")  # fmt: skip
+    count, trained = [], Objective._trained
+    monkeypatch.setattr(
+        Objective, "_trained", lambda self, *others: count.append(0) or trained(self, *others)
+    )
+    work = work_of(echo, tmp_path / "out", "history-mlp", 6, asked=asked)
+    study = work.begin()
+    run_trials(work, study, echo)
+    found = conclude(work, study, echo)
+    assert {row.point["snapshots"] for row in found.rows} == {11}
+    assert len({row.error for row in found.rows}) == len(count) == 1
+    assert found.rows[1].reason == "is trial 0 once more, and not trained again"
+    assert found.run.config.hyper["snapshots"] == found.run.predictor.memory.k == 11
+    assert read_preset(work.out / "best.toml").hyper["snapshots"] == 11
+    with (work.out / "trials.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert {(line["snapshots"], line["history_s"]) for line in lines} == {("11", "0.5")}
 
 
 def test_the_history_shows_every_trial_by_what_became_of_it() -> None:

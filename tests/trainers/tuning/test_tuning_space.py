@@ -5,7 +5,7 @@ import dataclasses
 import optuna
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from small_study import plan_of
 
@@ -17,6 +17,7 @@ from trainers.training.fit import FitSettings
 from trainers.training.runs import new_predictor
 from trainers.training.trainer import new_fit, tapes
 from trainers.tuning.space import (
+    in_effect,
     legible,
     point_of,
     search_space,
@@ -307,10 +308,38 @@ def test_what_cannot_be_searched_is_told(arch: str, asked: str, says: str) -> No
 def test_snapshots_are_as_many_as_asked_at_most_and_span_the_history(
     history_s: float, snapshots: int, rate_hz: float
 ) -> None:
+    assume(history_s * rate_hz >= 1.0)
     sizes = Sizes(3, 2, 17, 1, rate_hz).looking_back(history_s, snapshots)
-    assert 1 <= sizes.k <= snapshots
+    assert 2 <= sizes.k <= snapshots
     reach = (sizes.k - 1) * sizes.stride
     assert reach <= history_s * rate_hz + 1e-3 < reach + sizes.stride + 1
+
+
+@given(
+    history_s=st.floats(0.05, 5.0),
+    snapshots=st.integers(2, 60),
+    rate_hz=st.floats(5.0, 300.0),
+)
+def test_a_point_in_effect_builds_the_same_and_says_how_many_snapshots(
+    history_s: float, snapshots: int, rate_hz: float
+) -> None:
+    assume(history_s * rate_hz >= 1.0)
+    asked = {"history_s": legible("history_s", history_s), "snapshots": snapshots, "batch": 64}
+    told = in_effect("history-mlp", asked, rate_hz)
+    sizes = Sizes(3, 2, 17, 1, rate_hz)
+    built = sizes.looking_back(asked["history_s"], snapshots)
+    assert told["snapshots"] == built.k
+    assert told["history_s"] == pytest.approx(built.window_memory.reach / rate_hz, abs=1e-6)
+    assert sizes.looking_back(told["history_s"], told["snapshots"]) == built
+    assert in_effect("history-mlp", told, rate_hz) == told
+
+
+@pytest.mark.parametrize("arch", ["history-mlp", "delay-embedding", "cross-attention"])
+def test_a_history_of_less_than_a_sample_is_refused_and_not_searched(arch: str) -> None:
+    with pytest.raises(UnusableInput, match=r"history_s = 0.013 is shorter than the 0.02 s from"):
+        build(arch, **DOMAIN | {"rate_hz": 50.0}, hyper={"history_s": 0.013})
+    (history,) = [d for d in search_space(arch, 0.05, 20.0) if d.name == "history_s"]
+    assert history.low == 0.05  # a quarter of the window would be 0.25 samples
 
 
 def test_without_a_word_the_window_stays_the_domains() -> None:
