@@ -23,8 +23,9 @@ COUNT = Bound(1, 100_000)  # a wider layer alone would exceed the budget of trai
 LAYERS = Bound(1, 64)
 DROPOUT = Bound(0, 0.9)
 SECONDS = Bound(0, 3600)
+MOST_EPOCHS = 100_000
 _SETTINGS = {
-    "epochs": Bound(1, 100_000),
+    "epochs": Bound(1, MOST_EPOCHS),
     "patience": Bound(1, 100_000),
     "learning_rate": Bound(1e-7, 1),
     "weight_decay": Bound(0, 10),

@@ -335,7 +335,7 @@ def test_logs_in_other_units_are_read_by_a_columns_file(place: Path, tmp_path: P
 
 
 def test_a_folder_of_a_log_needs_a_columns_file(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(wd.UnusableInput, match="is a folder, not a CSV file; say by --columns"):
+    with pytest.raises(wd.UnusableInput, match="is a folder, not a CSV file; say by columns"):
         wd.close_gap(_kind(place), [tmp_path], tmp_path / "gap")
     assert not (tmp_path / "gap").exists()
 

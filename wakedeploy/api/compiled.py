@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypedDict, get_args
 
+from wakedeploy.api.arguments import words
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def wish_of(folder: Path, as_c: AsC) -> "Wish":
         require_name(name)
     require_free(folder)
     host_compiler()
-    return Wish(weights, name, tuple(as_c.get("flags", ())), tolerance)
+    return Wish(weights, name, words("flags", as_c.get("flags", ())), tolerance)
 
 
 def c_of_package(

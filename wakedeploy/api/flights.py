@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args, overload
 
+from wakedeploy.api.arguments import MOST_PROCESSES, in_python, real, whole
 from wakedeploy.api.display import data_frame
 from wakedeploy.api.inputs import PathLike, path_of, rig_of
 from wakedeploy.core import figures
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 SECONDS = 20.0  # of a random plan
 SHORTEST_S, LONGEST_S = 1.0, 3600.0  # of one
+MOST_FLIGHTS = 10_000
 Backend = Literal["onnx", "c"]
 
 
@@ -303,6 +305,7 @@ def fly(
 ) -> Flights: ...
 
 
+@in_python
 def fly(
     package: "Predictor | PathLike | None" = None,
     *,
@@ -348,6 +351,9 @@ def fly(
         CheckFailed: A single flight ended in a failsafe, or was not recorded whole.
         KeyboardInterrupt: It was stopped by hand.
     """
+    if flights is not None:
+        flights = whole("flights", flights, 1, MOST_FLIGHTS)
+    workers = whole("workers", workers, 1, MOST_PROCESSES)
     request = request_of(package, rig, seconds, seed, log, **place)
     with tempfile.TemporaryDirectory() as temporary:
         kept = request.log is None and record
@@ -392,11 +398,7 @@ def request_of(
 
 def _require_plan(seconds: object, seed: object) -> None:
     """UnusableInput for a random plan that no gantry flies."""
-    is_number = isinstance(seconds, numbers.Real) and not isinstance(seconds, bool)
-    if not is_number or not SHORTEST_S <= float(seconds) <= LONGEST_S:  # type: ignore[arg-type]
-        raise UnusableInput(
-            f"seconds is {seconds!r}: give a number from {SHORTEST_S:g} to {LONGEST_S:g}."
-        )
+    real("seconds", seconds, SHORTEST_S, LONGEST_S)
     if not isinstance(seed, numbers.Integral) or isinstance(seed, bool) or seed < 0:
         raise UnusableInput(f"seed is {seed!r}: give a whole number from 0 on.")
 

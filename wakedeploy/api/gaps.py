@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from wakedeploy.api.arguments import MOST_PROCESSES, in_python, real, whole
 from wakedeploy.api.flights import Flight, Flights
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.api.systems import is_system, take
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 
 Shown = Literal["effects", "ranking"]
+RETRAINING_MINUTES = (2.0, 600.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -205,6 +207,7 @@ class Gap:
         return text + picture(drawn, "The gap before and after.") if drawn.exists() else text
 
 
+@in_python
 def close_gap(
     system: "System | type[System] | PathLike",
     measured: "Flights | Sequence[Flight | Recording | PathLike] | Recording | PathLike",
@@ -248,6 +251,11 @@ def close_gap(
     Raises:
         UnusableInput: A rig file, a system or a log cannot be used, or `out` cannot be written to.
     """
+    workers = whole("workers", workers, 1, MOST_PROCESSES)
+    if retrain_minutes is not None:
+        retrain_minutes = real("retrain_minutes", retrain_minutes, *RETRAINING_MINUTES)
+    if not _several(measured):
+        raise UnusableInput("measured is empty: give flights or logs, one or more.")
     if is_system(system):
         if retrain_minutes is not None:
             raise UnusableInput("retrain_minutes is for a rig; of a system leave it out.")

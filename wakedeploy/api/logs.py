@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wakedeploy.api.arguments import in_python
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.caller import warn_caller
 from wakedeploy.core.errors import UnusableInput
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 Paths = PathLike | Sequence[PathLike]
 
 
+@in_python
 def import_table(
     files: Paths, columns: "Columns | PathLike", *, progress: Progress = quiet
 ) -> "EpisodeSet":
@@ -43,6 +45,7 @@ def import_table(
     return import_set(_paths(files), _columns(columns), _stage(progress))
 
 
+@in_python
 def read_log(
     files: Paths, columns: "Columns | PathLike", *, units: dict[str, str] | None = None
 ) -> "tuple[Recording, ...]":
@@ -71,6 +74,7 @@ def read_log(
     return reading.recordings
 
 
+@in_python
 def guess_columns(log: PathLike, system: "SystemLike | None" = None) -> str:
     """Write a first `columns.toml` for a log: its columns, and guesses of their units and clock.
 
@@ -89,7 +93,10 @@ def guess_columns(log: PathLike, system: "SystemLike | None" = None) -> str:
     """
     from wakedeploy.domains.tables.guess import guess_columns as guess
 
-    (path,) = _paths(log)
+    paths = _paths(log)
+    if len(paths) != 1:
+        raise UnusableInput("Columns are guessed of one log; give a log, or a folder of its files.")
+    path = paths[0]
     if system is None:
         return guess(path)
     from wakedeploy.api.systems import asked_of_logs, system_of

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.flyable import Flyable, Predicting, predictor_of, read_flyable
+from wakedeploy.api.arguments import in_python
 from wakedeploy.api.compiled import AsC, c_of_package, c_of_run, wish_of
 from wakedeploy.api.display import html_table
 from wakedeploy.api.inputs import PathLike, episode_set, rig_of
@@ -80,7 +81,21 @@ class Predictor:
         """
         if self._live is None:
             self._live = predictor_of(self.package)
+        self._require_single(observation)
         return self._live.step(observation)
+
+    def _require_single(self, observation: npt.ArrayLike) -> None:
+        """UnusableInput for a batch of one, which the loop gives, and gets a batch for."""
+        try:
+            shape = np.shape(observation)
+        except ValueError:  # lists of several lengths: the step says so
+            return
+        if len(shape) == 2:
+            names = [channel.name for channel in self.manifest.observation]
+            raise UnusableInput(
+                f"The observation has shape {shape}; give one of shape ({len(names)},):"
+                f" {', '.join(names)}; a series is for predict."
+            )
 
     def reset(self) -> None:
         """Forget everything that `step` was given."""
@@ -147,6 +162,7 @@ def _checked(package: Flyable) -> "Replay | Proved":
     return tried(package) if isinstance(package, Package) else proved(package)
 
 
+@in_python
 def load(path: PathLike) -> Predictor:
     """Read a package, one `.onnx` file, or a folder of C, without torch.
 
@@ -176,6 +192,7 @@ def _refuse_run(path: Path) -> None:
         )
 
 
+@in_python
 def export(
     run: "TrainedRun | Runs | Predictor | PathLike",
     out: PathLike | None = None,

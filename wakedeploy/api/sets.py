@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from wakedeploy.api.arguments import LEAST_MINUTES, MOST_MINUTES, in_python, real, whole
 from wakedeploy.api.inputs import PathLike, rig_of
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.names import domains, meant, unknown
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from wakedeploy.domains.domain import Setting
 
 
+@in_python
 def make_set(
     domain: str,
     *,
@@ -48,6 +50,11 @@ def make_set(
     if not isinstance(known, Simulated):
         raise UnusableInput(f"The domain {name} cannot be simulated.")
     possible = _possible(name, known.settings, settings)
+    _require_settings(name, known.settings, settings)
+    minutes, seed = (
+        real("minutes", minutes, LEAST_MINUTES, MOST_MINUTES),
+        whole("seed", seed, 0, 2**63 - 1),
+    )
     if "rig" in possible:
         settings["rig"] = rig_of(settings.get("rig"))
     progress("Simulating", 0, 1)
@@ -55,6 +62,7 @@ def make_set(
     return known.make(minutes=minutes, seed=seed, progress=steps, **settings)
 
 
+@in_python
 def import_set(
     domain: str, path: PathLike, *, progress: Progress = quiet, **settings: Any
 ) -> "EpisodeSet":
@@ -82,9 +90,7 @@ def import_set(
     if not isinstance(known, Recorded):
         raise UnusableInput(f"The domain {name} cannot be imported.")
     _possible(name, known.settings, settings)
-    for setting in known.settings:
-        if setting.name in settings:
-            setting.require(settings[setting.name], f"{name}: ")
+    _require_settings(name, known.settings, settings)
     progress("Importing", 0, 1)
     return known.read(Path(path), _steps(progress, "Importing"), **settings)
 
@@ -97,6 +103,13 @@ def _possible(name: str, known: "tuple[Setting, ...]", settings: dict[str, Any])
             has = f"it has {', '.join(possible)}" if possible else "it has none"
             raise UnusableInput(f"{name} has no setting '{setting}'; {has}.")
     return possible
+
+
+def _require_settings(name: str, known: "tuple[Setting, ...]", settings: dict[str, Any]) -> None:
+    """UnusableInput for a value that a setting of a domain cannot have."""
+    for setting in known:
+        if setting.name in settings:
+            setting.require(settings[setting.name], f"{name}: ")
 
 
 def _steps(progress: Progress, stage: str) -> Callable[[int, int], None]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from wakedeploy.api.arguments import MOST_PROCESSES, MOST_SEEDS, in_python, real, whole, words
 from wakedeploy.api.inputs import PathLike, episode_set
 from wakedeploy.api.scores import ScoreRow, Scores, Shown, score_row
 from wakedeploy.core.caller import Warn, warn_caller
@@ -81,6 +82,7 @@ class _Manner:
     baselines: "Callable[[int], Mapping[str, Score]]"  # takes the samples of warm-up
 
 
+@in_python
 def train(
     data: "EpisodeSet | PathLike",
     arch: str | Sequence[str] | None = None,
@@ -135,10 +137,20 @@ def train(
         UnusableInput: The set, a name or a setting cannot be used; the sentence says what to do.
         CheckFailed: A fit diverged.
     """
+    from trainers.bounds import MOST_EPOCHS
     from trainers.preset import REFERENCE, TUNED, read_preset
     from trainers.training.baselines import baselines
+    from trainers.training.runs import LONGEST_LEAD_S
     from trainers.training.trainer import chosen_lead_s
 
+    seeds, threads = (
+        whole("seeds", seeds, 1, MOST_SEEDS),
+        whole("threads", threads, 1, MOST_PROCESSES),
+    )
+    if lead_s is not None:
+        lead_s = real("lead_s", lead_s, 0.0, LONGEST_LEAD_S)
+    if epochs is not None:
+        epochs = whole("epochs", epochs, 1, MOST_EPOCHS)
     data = episode_set(data)
     of_preset = architectures() if preset in (REFERENCE, TUNED) else None
     names = _names(arch) or of_preset or (read_preset(Path(preset)).arch,)
@@ -162,6 +174,7 @@ def train(
         return Runs(runs, Path(out), scores)
 
 
+@in_python
 def evaluate(
     runs: "Runs | TrainedRun | Sequence[TrainedRun] | PathLike",
     data: "EpisodeSet | PathLike",
@@ -222,7 +235,9 @@ def _names(arch: str | Sequence[str] | None) -> tuple[str, ...]:
     """The architectures asked for, in the order asked; () where none is."""
     if arch is None:
         return ()
-    asked = [arch] if isinstance(arch, str) else list(arch)
+    asked = words("arch", arch)
+    if not asked:
+        raise UnusableInput("arch is empty: name an architecture, or leave arch out for all.")
     if ALL in asked:
         return architectures()
     found = []
@@ -292,7 +307,7 @@ def usable_preset(
     if found_s != lead_s:
         warn(
             f"The preset of {arch} was found for a lead of {found_s:g} s; this trains for"
-            f" {lead_s:g} s (--lead {found_s:g} repeats it)."
+            f" {lead_s:g} s (--lead {found_s:g}, lead_s={found_s:g} in Python, repeats it)."
         )
     if found.study.get("data_sha256") not in (None, data.sha256):
         warn(

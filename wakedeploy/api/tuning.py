@@ -3,11 +3,21 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
+from wakedeploy.api.arguments import (
+    MOST_PROCESSES,
+    MOST_TRIALS,
+    in_python,
+    one_of,
+    real,
+    whole,
+    words,
+)
 from wakedeploy.api.display import data_frame, html_table
 from wakedeploy.api.inputs import PathLike, episode_set, path_of
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.manifest import PARAMETER_BUDGET
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
@@ -21,6 +31,9 @@ if TYPE_CHECKING:
     from trainers.tuning.study import Study
     from trainers.tuning.workers import OnTrials, Work
     from wakedeploy.core.episodes import EpisodeSet
+
+
+Pruner = Literal["median", "hyperband", "none"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,6 +95,7 @@ class Tuned:
         )
 
 
+@in_python
 def tune(
     data: "EpisodeSet | PathLike",
     arch: str,
@@ -95,7 +109,7 @@ def tune(
     objective: str = "rmse",
     dimensions: Sequence[str] = (),
     starts: Sequence[str] = (),
-    pruner: Literal["median", "hyperband", "none"] = "median",
+    pruner: Pruner = "median",
     workers: int = 1,
     storage: str | None = None,
     study_name: str | None = None,
@@ -140,21 +154,30 @@ def tune(
         UnusableInput: A name, a dimension or the set cannot be used; the sentence says what to do.
         CheckFailed: No trial came to its end.
     """
+    from trainers.bounds import MOST_EPOCHS
+    from trainers.training.device import DEVICES
+    from trainers.training.runs import LONGEST_LEAD_S
     from trainers.training.trainer import chosen_lead_s
     from trainers.tuning.plan import make_plan
     from trainers.tuning.study import default_name
     from trainers.tuning.workers import Work
 
+    trials = whole("trials", trials, 1, MOST_TRIALS)
+    workers = whole("workers", workers, 1, MOST_PROCESSES)
+    pruner = one_of("pruner", pruner, get_args(Pruner))  # type: ignore[assignment]
+    one_of("device", device, DEVICES)
+    if lead_s is not None:
+        lead_s = real("lead_s", lead_s, 0.0, LONGEST_LEAD_S)
     episodes = episode_set(data)
     plan = make_plan(
         episodes,
         arch,
         lead_s=chosen_lead_s(episodes, lead_s),
-        epochs=epochs,
-        budget=budget,
+        epochs=whole("epochs", epochs, 1, MOST_EPOCHS),
+        budget=whole("budget", budget, 1, PARAMETER_BUDGET),
         objective=tuple(name.strip().lower() for name in objective.split(",")),
-        seed=seed,
-        asked=tuple(dimensions),
+        seed=whole("seed", seed, 0, 2**31),
+        asked=words("dimensions", dimensions),
     )
     work = Work(
         plan,
@@ -169,7 +192,9 @@ def tune(
         give_up_elsewhere,
     )
     on_begun(work)
-    return _tuned(work, episodes, workers, _starts(plan, starts), progress, on_trials)
+    return _tuned(
+        work, episodes, workers, _starts(plan, words("starts", starts)), progress, on_trials
+    )
 
 
 def _folder_of(data: "EpisodeSet | PathLike") -> Path:

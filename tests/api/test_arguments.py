@@ -1,0 +1,121 @@
+"""Arguments that no function can use: each is one sentence with the argument, before any work."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_tune import small_set
+
+import wakedeploy as wd
+from wakedeploy.api.arguments import _names, in_python
+
+NAN = math.nan
+TRAINING = {
+    "seeds": [0, -1, 1.5, NAN, True, "2", None],
+    "threads": [0, NAN],
+    "epochs": [0, -3, NAN],
+}
+TRAINING |= {"lead_s": [-0.1, NAN, math.inf, "0"], "learning_rate": [0.0, -1.0, NAN]}
+TRAINING |= {"arch": [[], (), "", [3]], "device": ["gpu"]}
+TUNING = {"trials": [0, -1, NAN, 2.5], "workers": [0, -1], "epochs": [0, NAN], "budget": [0, -1]}
+TUNING |= {"seed": [-1, NAN], "lead_s": [-1.0, NAN], "pruner": ["", "best"], "device": ["gpu"]}
+TUNING |= {
+    "dimensions": ["hiden=3", [""], [3]],
+    "starts": ["nowhere.toml", [3]],
+    "objective": ["", "f"],
+}
+
+
+def each(given: dict[str, list[object]]) -> list[tuple[str, object]]:
+    return [(name, value) for name, values in given.items() for value in values]
+
+
+def refused(call: Callable[[], object], names: str) -> None:
+    with pytest.raises(wd.UnusableInput, match=names) as told:
+        call()
+    sentence = str(told.value)
+    assert "\n" not in sentence
+    assert "--" not in sentence
+    assert sentence.endswith(".")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("set")
+    small_set().write(path)
+    return path
+
+
+@pytest.mark.parametrize(("name", "value"), each(TRAINING))
+def test_what_nothing_can_be_trained_with_is_named(
+    name: str, value: object, folder: Path, tmp_path: Path
+) -> None:
+    given = {"arch": "agile-mlp", "epochs": 1, "out": tmp_path / "runs", "pictures": False}
+    refused(lambda: wd.train(folder, **given | {name: value}), name.split("_")[0])
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(("name", "value"), each(TUNING))
+def test_what_nothing_can_be_searched_with_is_named(
+    name: str, value: object, folder: Path, tmp_path: Path
+) -> None:
+    given = {"trials": 1, "epochs": 1, "out": tmp_path / "tuned"}
+    refused(lambda: wd.tune(folder, "gru", **given | {name: value}), name.split("_")[0])
+    assert not (tmp_path / "tuned").exists()
+
+
+def test_what_no_set_can_be_made_with_is_named(tmp_path: Path) -> None:
+    for name, value in each({"minutes": [0, -1, NAN, math.inf, "1"], "seed": [-1, NAN]}):
+        refused(lambda n=name, v=value: wd.make_set("ship", **{"minutes": 1, n: v}), name)
+    refused(lambda: wd.make_set("ship", minutes=1, level="fast"), "level = 'fast' has to be")
+    refused(lambda: wd.make_set("downwash", minutes=1, spread=NAN), "spread = nan has to be")
+    log = tmp_path / "a.csv"
+    log.write_text("t,x\n0,1\n")
+    refused(lambda: wd.guess_columns([]), "give a log")
+    refused(lambda: wd.guess_columns([log, log]), "give a log")
+
+
+def test_what_nothing_can_be_flown_or_compared_with_is_named(tmp_path: Path) -> None:
+    for name, value in each({"flights": [0, -1, 1.5, NAN], "workers": [0, NAN], "seconds": [NAN]}):
+        refused(lambda n=name, v=value: wd.fly(**{n: v}), f"{name} is ")
+    rig = tmp_path / "rig.toml"
+    wd.default_rig().write(rig)
+    for name, value in each({"workers": [0, -1], "retrain_minutes": [0, NAN]}):
+        given = {name: value}
+        refused(lambda g=given: wd.close_gap(rig, ["a.mcap"], tmp_path / "gap", **g), f"{name} is ")
+    refused(lambda: wd.close_gap(rig, [], tmp_path / "gap"), "measured is empty")
+    assert not (tmp_path / "gap").exists()
+
+
+def test_one_observation_is_stepped_and_a_batch_refused(folder: Path, tmp_path: Path) -> None:
+    data = small_set(640)
+    runs = wd.train(data, "agile-mlp", epochs=1, out=tmp_path / "runs", pictures=False)
+    predictor = wd.export(runs, tmp_path / "p.onnx", data=data)
+    assert predictor.step(np.zeros(1)).shape == (1,)
+    for shape in ((1, 1), (2, 1), (1, 1, 1), (2,), ()):
+        refused(lambda s=shape: predictor.step(np.zeros(s)), r"shape \(")
+
+
+def test_options_are_arguments_in_python_and_commands_stay() -> None:
+    @in_python
+    def fail(sentence: str, out: str = "", fresh: bool = False, lead_s: float = 0.0) -> None:
+        raise wd.CheckFailed(sentence)
+
+    assert {"out", "reference", "allow_lead_mismatch"} - _names(wd.fly) == {"out"}
+    for said, told in (
+        ("a is there; choose another --out.", "a is there; choose another out."),
+        ("choose --out (out=), or --fresh (fresh=True).", "choose out=, or fresh=True."),
+        ("--lead 0.2: too far.", "lead_s 0.2: too far."),
+        ("run `wakedeploy train --out runs`.", "run `wakedeploy train --out runs`."),
+        (
+            "begin with: wakedeploy train --out a; or out.",
+            "begin with: wakedeploy train --out a; or out.",
+        ),
+        ("convert it by x --format csv.", "convert it by x --format csv."),
+        ("--data FOLDER (in Python, data=…).", "data=…."),
+    ):
+        with pytest.raises(wd.CheckFailed) as raised:
+            fail(said)
+        assert str(raised.value) == told

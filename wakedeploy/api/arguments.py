@@ -1,0 +1,116 @@
+"""Arguments of the public functions: judged before minutes are spent, and named as Python has them.
+
+In: what a caller gave. Out: the same, or one sentence with the argument, its value and its bounds.
+"""
+
+import functools
+import inspect
+import numbers
+import re
+import sys
+from collections.abc import Callable, Collection, Sequence
+from typing import ParamSpec, TypeVar, get_args
+
+from wakedeploy.core.errors import UnusableInput, WakedeployError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# Bounds that the options of the commands have, too.
+MOST_SEEDS, MOST_TRIALS, MOST_PROCESSES = 1000, 1_000_000, 256
+LEAST_MINUTES, MOST_MINUTES = 0.1, 10_000.0  # of a simulation
+
+# Options whose argument is called otherwise; all others are called alike.
+_ARGUMENTS = {
+    "lead": "lead_s",
+    "dimension": "dimensions",
+    "start": "starts",
+    "package": "packages",
+    "cflags": "flags",
+}
+# Commands stay, in backticks or not; "--fresh (fresh=True)" has the argument already.
+_OPTION = re.compile(
+    r"`[^`]*`|\b(?:wakedeploy|run-gantry) [^;]*|--(?P<option>[a-z][a-z-]*)"
+    r"(?: (?P<value>\w+))?(?: \((?:in Python, )?(?P<said>\w+=[^)]*)\))?"
+)
+
+
+def whole(name: str, value: object, low: int, high: int) -> int:
+    """A whole number between two bounds, both allowed; UnusableInput names the argument."""
+    is_whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if not is_whole or not low <= int(value) <= high:  # type: ignore[call-overload]
+        raise UnusableInput(f"{name} is {value!r:.60}: give a whole number from {low} to {high}.")
+    return int(value)  # type: ignore[call-overload, no-any-return]
+
+
+def real(name: str, value: object, low: float, high: float) -> float:
+    """A number between two bounds, both allowed, and not nan; as `whole`."""
+    is_real = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    if not is_real or not low <= float(value) <= high:  # type: ignore[arg-type]
+        raise UnusableInput(f"{name} is {value!r:.60}: give a number from {low:g} to {high:g}.")
+    return float(value)  # type: ignore[arg-type]
+
+
+def one_of(name: str, value: object, known: Collection[str]) -> str:
+    """One of some words; as `whole`."""
+    if value not in known:
+        raise UnusableInput(f"{name} is {value!r:.60}: give {' or '.join(known)}.")
+    return str(value)
+
+
+def words(name: str, given: str | Sequence[str]) -> tuple[str, ...]:
+    """One word or several, in order; UnusableInput for what is no text."""
+    several = (given,) if isinstance(given, str) else tuple(given)
+    for each in several:
+        if not isinstance(each, str):
+            raise UnusableInput(f"{name} has {each!r:.60}: give text, such as {name}=('…',).")
+    return several
+
+
+def in_python(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function's errors name its arguments, where no command has called it.
+
+    What it calls is shared with the command line, and names options: `--out` becomes `out`.
+    """
+    known = _names(function)
+
+    @functools.wraps(function)
+    def told(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return function(*args, **kwargs)
+        except WakedeployError as error:
+            if not _in_command():
+                error.args = (_reworded(str(error), known), *error.args[1:])
+            raise
+
+    return told
+
+
+def _names(function: Callable[..., object]) -> set[str]:
+    """The arguments of a function, those included that a dictionary of keywords may hold."""
+    parameters = inspect.signature(function).parameters
+    names = set(parameters)
+    for each in parameters.values():
+        for held in get_args(each.annotation):
+            names |= set(getattr(held, "__annotations__", ()))
+    return names
+
+
+def _in_command() -> bool:
+    click = sys.modules.get("click")
+    return click is not None and click.get_current_context(silent=True) is not None
+
+
+def _reworded(sentence: str, known: Collection[str]) -> str:
+    def argument(found: re.Match[str]) -> str:
+        option = found["option"]
+        if option is None:
+            return found[0]
+        name = _ARGUMENTS.get(option, option.replace("-", "_"))
+        if found["said"]:
+            return f"{found['said']}"
+        if name not in known:
+            return found[0]
+        return name if found["value"] is None else f"{name} {found['value']}"
+
+    return _OPTION.sub(argument, sentence)
