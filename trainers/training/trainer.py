@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from trainers.bounds import check_settings
@@ -61,6 +62,10 @@ _ANNEALED = (
 )
 # What to do about a run in the way, by the command and from Python.
 _ELSEWHERE = "choose another --out (out=), or --fresh (fresh=True) to replace it"
+# What a channel may change by and reach, in its unit. Squares of the smaller one lie eight decades
+# above the smallest normal number of float32, so that a ten-thousandth of it still counts. Those of
+# the larger one can be summed over any set; it is also the largest error that a record holds.
+_SMALLEST, _LARGEST = 1e-15, 1e12
 _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
 
 
@@ -81,6 +86,7 @@ def configure(
     """
     _require_moving_forces(data)
     _require_apart(data)
+    _require_usual_scale(data)
     unknown = set(present_only) - {c.name for c in data.observation}
     if unknown:
         raise UnusableInput(f"{data.domain} has no channel {', '.join(sorted(unknown))}.")
@@ -273,6 +279,25 @@ def _require_apart(data: EpisodeSet) -> None:
         f" {data.split[known.name]} episode {known.name}, sample by sample{more}. Errors on what"
         " was learned say nothing of new recordings; leave copies out, or give them to one split."
     )
+
+
+def _require_usual_scale(data: EpisodeSet) -> None:
+    """UnusableInput for a channel whose numbers float32 cannot square, as training does."""
+    for kind, channels in (("observation", data.observation), ("force", data.force)):
+        lows, highs = (
+            np.array([getattr(e.arrays[kind], bound)(0) for e in data.episodes], float)
+            for bound in ("min", "max")
+        )  # (E, channels)
+        for channel, low, high in zip(channels, lows.min(0), highs.max(0), strict=True):
+            spread, most = high - low, max(abs(low), abs(high))
+            if most > _LARGEST or 0.0 < spread < _SMALLEST:
+                what = f"reaches {most:.3g}" if most > _LARGEST else f"changes by {spread:.3g}"
+                raise UnusableInput(
+                    f"{_where(data)}: the {kind} {channel.name} {what} {channel.unit}, and what is"
+                    f" trained on has to change by {_SMALLEST:g} at least and reach {_LARGEST:g} at"
+                    " most, since float32 cannot square more; use another unit: to = … in"
+                    " columns.toml, or other numbers and their unit in the EpisodeSet."
+                )
 
 
 def _where(data: EpisodeSet) -> str:

@@ -107,6 +107,41 @@ def test_a_copy_of_a_training_episode_is_no_test_of_it(echo: EpisodeSet, split: 
         configure(dataclasses.replace(echo, episodes=episodes), "gru", seed=0, lead_s=0.0)
 
 
+def scaled(data: EpisodeSet, kind: str, factor: float) -> EpisodeSet:
+    """The set with all numbers of observations, or of forces, times a factor."""
+    episodes = [
+        dataclasses.replace(e, **{kind: (e.arrays[kind].astype(float) * factor).astype("f4")})
+        for e in data.episodes
+    ]
+    return dataclasses.replace(data, episodes=tuple(episodes))
+
+
+@pytest.mark.parametrize("factor", [1e-30, 1e25])
+@pytest.mark.parametrize("kind", ["observation", "force"])
+def test_numbers_that_float32_cannot_square_are_refused_with_another_unit(
+    echo: EpisodeSet, kind: str, factor: float
+) -> None:
+    says = f"the {kind} .* float32 cannot square more; use another unit: to = … in columns.toml"
+    with pytest.raises(UnusableInput, match=says):
+        configure(scaled(echo, kind, factor), "gru", seed=0, lead_s=0.0)
+
+
+@pytest.mark.parametrize("factor", [1e-13, 1e12])  # forces change by less than 0.3
+def test_up_to_the_bounds_training_comes_to_the_same(
+    echo: EpisodeSet, factor: float, tmp_path: Path
+) -> None:
+    for arch in ("agile-mlp", "esn"):
+        asked = {"seed": 0, "lead_s": 0.0, "hyper": {"neurons": 40} if arch == "esn" else {}}
+        usual, far = (
+            train(
+                configure(data, arch, settings=settings_for(arch, epochs=2), **asked),
+                data, tmp_path / str(i),
+            )
+            for i, data in enumerate((echo, scaled(echo, "force", factor)))
+        )  # fmt: skip
+        assert far.metrics.test.r2["f_n"] == pytest.approx(usual.metrics.test.r2["f_n"], abs=0.01)
+
+
 def test_an_interrupted_run_keeps_its_epochs_and_says_why(echo: EpisodeSet, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         trained(echo, tmp_path, "agile-mlp", on_epoch=interrupt_after(2))
