@@ -76,7 +76,9 @@ def in_effect(arch: str, point: Point, rate_hz: float) -> Point:
     """
     hyper, settings = split(arch, point)
     snapshots, history_s = hyper.get(SNAPSHOTS), hyper.get(HISTORY.name)
-    if snapshots is not None and history_s is not None and whole_steps(history_s * rate_hz):
+    if snapshots is None or history_s is None:
+        return {**hyper, **settings}
+    if snapshots >= 2 and whole_steps(history_s * rate_hz) >= 1:  # others are refused when built
         built = Sizes(1, 1, 1, 1, rate_hz).looking_back(history_s, int(snapshots))
         lasts_s = built.window_memory.reach / rate_hz
         hyper |= {SNAPSHOTS: built.k, HISTORY.name: legible(HISTORY.name, lasts_s)}

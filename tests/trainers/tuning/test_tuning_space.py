@@ -332,6 +332,8 @@ def test_a_point_in_effect_builds_the_same_and_says_how_many_snapshots(
     assert told["history_s"] == pytest.approx(built.window_memory.reach / rate_hz, abs=1e-6)
     assert sizes.looking_back(told["history_s"], told["snapshots"]) == built
     assert in_effect("history-mlp", told, rate_hz) == told
+    for unusable in ({"snapshots": 1}, {"history_s": 0.0}):  # as a journal may have it
+        assert in_effect("history-mlp", asked | unusable, rate_hz) == asked | unusable
 
 
 @pytest.mark.parametrize("arch", ["history-mlp", "delay-embedding", "cross-attention"])
