@@ -171,6 +171,11 @@ def finished_runs(root: Path) -> list[Path]:
     """
     folders = sorted(path.parent for path in root.rglob(METRICS)) if root.is_dir() else []
     folders = [folder for folder in folders if (folder / CONFIG).is_file()]
+    if root.suffix == ".onnx" and root.is_file():
+        raise UnusableInput(
+            f"{root} is a package, and no folder of runs; give the runs that it was exported from, "
+            "or score it in Python, by wd.load(…).predict(…)."
+        )
     if not folders:
         raise UnusableInput(f"{root} holds no finished run; make one with `wakedeploy train`.")
     return folders

@@ -425,3 +425,10 @@ def test_the_learning_rate_rises_then_falls_to_near_zero() -> None:
     assert (np.diff(rates[: peak + 1]) > 0).all()
     assert (np.diff(rates[peak:]) < 0).all()
     assert rates[-1] == pytest.approx(0.01)
+
+
+def test_a_package_in_the_place_of_runs_is_said_to_be_one(tmp_path: Path) -> None:
+    path = tmp_path / "gru.onnx"
+    path.write_bytes(b"x")
+    with pytest.raises(UnusableInput, match=r"gru\.onnx is a package, and no folder of runs; give"):
+        finished_runs(path)
