@@ -95,9 +95,7 @@ def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
     """
     values = dict(zip(fitted.names, map(float, fitted.theta), strict=True))
     constants, form = _below(values, "constant."), _below(values, "form.")
-    clocks_s = {
-        i.name: values[f"clock.{model.system.clocked(i.name)}"] for i in model.system.logged
-    }
+    clocks_s = {i.name: values[f"clock.{model.clocked(i.name)}"] for i in model.system.logged}
     if not fitted.hypothesis:
         spreads = {c.name: c.spread for c in model.system.constants}
         constants = {n: v for n, v in constants.items() if np.isinf(spreads[n])}

@@ -278,7 +278,6 @@ class StateSpace:
     exported: ClassVar[Sequence[str]] = ()
 
     correction: "Correction | None" = None
-    shared_clocks: Mapping[str, str] = {}
 
     def __repr__(self) -> str:
         """Its name and what goes in and out."""
@@ -338,13 +337,13 @@ class StateSpace:
             )
         return found
 
-    def clocked(self, name: str) -> str:
+    def clocked(self, name: str, shared: Mapping[str, str]) -> str:
         """The input whose clock one has, "" for none.
 
-        Its own, or that of the first input that the log stamps together with it. A law has that of
-        its sources, if it is one.
+        Its own, or the one that is `shared` with it in logs. A law has that of its sources, if it
+        is one.
         """
-        clocks = {self.shared_clocks.get(n, n) for n in self.made_of.get(name, (name,))}
+        clocks = {shared.get(n, n) for n in self.made_of.get(name, (name,))}
         return clocks.pop() if len(clocks) == 1 else ""
 
     def made(self, stated: Input, logged: Mapping[str, FloatArray]) -> FloatArray:

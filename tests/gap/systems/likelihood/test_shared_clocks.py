@@ -10,7 +10,7 @@ from wakedeploy import Constant, Input, Output, Port, Recording, System
 from wakedeploy.domains.tables.columns import parse_columns
 from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.inference import fit
-from wakedeploy.gap.systems.correction import correction_of
+from wakedeploy.gap.systems.correction import Correction, correction_of
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 RATE_HZ, FINE = 50.0, 10
@@ -62,16 +62,15 @@ def clocks_of(model):
 def test_one_row_has_one_clock_and_what_is_measured_another() -> None:
     model = LogModel(Raft(), [raft(0.0)])
     assert clocks_of(model) == ["clock.left_n", "clock.wind_n"]
-    assert model.system.clocked("right_n") == "left_n"
-    assert model.system.clocked("both_n") == "left_n"  # made of two that share one
-    assert Raft().clocked("right_n") == "right_n"  # another model's logs may differ
+    assert model.clocked("right_n") == "left_n"
+    assert model.clocked("both_n") == "left_n"  # made of two that share one
 
 
 def test_columns_of_two_clocks_have_two() -> None:
     apart = {"left_n": "a.csv:t", "right_n": "b.csv:t", "wind_n": "a.csv:t"}
     model = LogModel(Raft(), [raft(0.0, apart)])
     assert clocks_of(model) == ["clock.left_n", "clock.wind_n", "clock.right_n"]
-    assert model.system.clocked("both_n") == ""
+    assert model.clocked("both_n") == ""
     together = {"left_n": "a.csv:t", "right_n": "a.csv:t", "wind_n": "b.csv:t"}
     one_of_two = LogModel(Raft(), [raft(0.0, together), raft(0.0, apart)])
     assert len(clocks_of(one_of_two)) == 3
@@ -87,6 +86,29 @@ def test_the_shift_of_a_row_is_found_and_stands_beside_each_of_its_commands() ->
     clocks_s = correction_of(model, found).document.clocks_s
     assert clocks_s["left_n"] == clocks_s["right_n"] == found.value("clock.left_n")
     assert abs(clocks_s["wind_n"]) < 0.05 / RATE_HZ
+
+
+def test_a_correction_shifts_each_input_by_its_own_number_whatever_log_is_replayed() -> None:
+    """Also one from logs with two clocks, along a recording that has one."""
+    model = LogModel(Raft(), [raft(0.0)])
+    fitted = fit(model, ("offset@speed_mps",), range(model.episodes))
+    kept = correction_of(model, fitted).document
+    shifts = {"left_n": -0.009, "right_n": 0.009, "wind_n": 0.0}
+    apart = {"left_n": "a", "right_n": "b", "wind_n": "a"}
+    shown = []
+    for clocks_s in (shifts, {**shifts, "right_n": -0.009}):
+        system = Raft()
+        system.correction = Correction(kept.model_copy(update={"clocks_s": clocks_s}))
+        one, two = (system.simulate(raft(0.0, clocks))["speed_mps"] for clocks in ({}, apart))
+        np.testing.assert_array_equal(one, two)
+        shown.append(one)
+    assert np.abs(shown[0] - shown[1]).max() > 0.05
+
+
+def test_a_named_delay_is_not_told_once_more_as_the_shift_of_its_row() -> None:
+    model = LogModel(Raft(), [raft(0.4)])
+    found = fit(model, ("dead-time@both_n",), range(model.episodes))
+    assert not model.shifted_inputs(found)
 
 
 def test_a_table_s_rows_say_which_columns_share_a_clock(tmp_path: Path) -> None:

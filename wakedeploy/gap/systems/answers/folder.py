@@ -181,7 +181,7 @@ def planned_in(out: Path, result: Result) -> Planned | None:
 
 
 def _key(model: LogModel) -> str:
-    """A hash of program, rules, logs, effects with their parameters, and the system.
+    """A hash of program, rules, logs, all parameters, and the system.
 
     Of the system it is what it states and what its functions compute.
     """
@@ -195,6 +195,7 @@ def _key(model: LogModel) -> str:
     digest.update(
         repr((VERSION, RULES, system.name, stated, sorted(model.effects.items()))).encode()
     )
+    digest.update(repr([free.name for free in model.free(())]).encode())
     digest.update(repr(model.sealed()).encode())
     for log in model.logs:
         digest.update(log.name.encode())

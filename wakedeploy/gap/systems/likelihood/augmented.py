@@ -29,10 +29,14 @@ FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
 FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
 
 
+_OWN_CLOCKS: Mapping[str, str] = {}
+
+
 class Acting:
     """A system and the effects of a hypothesis.
 
-    `sizes` are usual sizes by name, `form` the states whose rate has a model-form term.
+    `sizes` are usual sizes by name, `form` the states whose rate has a model-form term. `clocks`
+    says by input whose clock it shares, where that is not its own.
     """
 
     def __init__(
@@ -41,8 +45,10 @@ class Acting:
         effects: Sequence[Effect],
         sizes: Mapping[str, float],
         form: Sequence[str] = (),
+        clocks: Mapping[str, str] = _OWN_CLOCKS,
     ) -> None:
         self.system, self.effects, self.sizes, self.form = system, tuple(effects), sizes, form
+        self._clocks = clocks
         # Looked up once: the functions below are called in every step.
         self._has_step = system.has_step
         # What a rate is multiplied by to be added to what the system returns.
@@ -116,13 +122,17 @@ class Acting:
         acting = (e for e in self._of["input"] if e.port.name == name)
         parameters = tuple(f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
         if self._inputs[name][1].law is None:
-            return (f"clock.{self.system.clocked(name)}", *parameters)
+            return (self.clock(name), *parameters)
         before = (n for logged in self.system.logged for n in self.depends(logged.name))
         return (*before, *parameters)
 
     def _clock_s(self, name: str, values: Arrays) -> Any:
         """The time [s] by which an input acts later than its stamp."""
-        return values.get(f"clock.{self.system.clocked(name)}", 0.0)
+        return values.get(self.clock(name), 0.0)
+
+    def clock(self, name: str) -> str:
+        """The parameter by which an input acts later than its stamp."""
+        return f"clock.{self.system.clocked(name, self._clocks)}"
 
     def formed(self, values: Arrays) -> dict[str, FloatArray]:
         """Sizes (B, L) of the bumps of each model-form term, from values (1, L) by name."""

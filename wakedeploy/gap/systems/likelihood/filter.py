@@ -436,7 +436,7 @@ class Filter:
             for k in range(count):
                 parameters = effect.parameters({n: v[k] for n, v in values.items()})
                 at_start = np.array([kind.unsettled(c, parameters, dt_s) for c in columns])
-                clock = values.get(f"clock.{acting.system.clocked(effect.port.name)}")
+                clock = values.get(acting.clock(effect.port.name))
                 since_s = pieces.sample[0] * dt_s - (0.0 if clock is None else clock[k])
                 sd[k] = at_start[pieces.log] * kind.remaining(since_s, parameters, dt_s)
             found |= dict.fromkeys(effect.own_states, sd.reshape(-1))

@@ -66,9 +66,8 @@ class LogModel(ComparisonDefaults):
     def __init__(
         self, system: StateSpace, recordings: Sequence[Recording], outliers: float | None = None
     ) -> None:
-        # A copy: which inputs share a clock is these logs' own.
-        self.system, self.name = copy.copy(system), system.name
-        self.system.shared_clocks = shared_clocks(system, recordings)
+        self.system, self.name = system, system.name
+        self._shared = shared_clocks(system, recordings)
         self.recordings = tuple(recordings)
         share = system.outlier_share if outliers is None else outliers
         read = logs_of(system, recordings)
@@ -266,7 +265,7 @@ class LogModel(ComparisonDefaults):
                 hint = f"did you mean {one_of(close)}?" if close else f"there are: {known}."
                 raise UnusableInput(f"{self.name}: no effect {name!r}; {hint}")
         effects = [self.library[name] for name in hypothesis]
-        return Acting(self.system, effects, self.sizes, self.driven)
+        return Acting(self.system, effects, self.sizes, self.driven, self._shared)
 
     def disagreement(self, values: Mapping[str, float], episode: int) -> FloatArray:
         """Measured less forecast (m, n) of a block, 0 where nothing is forecast."""
@@ -335,8 +334,8 @@ class LogModel(ComparisonDefaults):
     def shifted_inputs(self, found: Fit) -> dict[str, Measured]:
         """By how much inputs surely act later than their stamps [s]; negative for sooner.
 
-        What named delays of all inputs of a clock have with it is left out, as are shifts that
-        chance may bring or that are next to none.
+        What a named delay of the input has with its clock is left out, as are shifts that chance
+        may bring or that are next to none.
         """
         acting = map(self.library.__getitem__, found.hypothesis)
         delayed = {e.port.name for e in acting if e.kind.is_delay and e.port.role == "input"}
@@ -344,17 +343,20 @@ class LogModel(ComparisonDefaults):
         shifted: dict[str, Measured] = {}
         for clock, names in self._stamped_together().items():
             value, (low, high) = found.value(f"clock.{clock}"), found.interval(f"clock.{clock}")
-            is_shown = low * high > 0.0 and abs(value) > _SHIFTED * self.dt_s
-            if is_shown and not delayed.issuperset(names):
+            if low * high > 0.0 and abs(value) > _SHIFTED * self.dt_s:
                 late = Measured(value=value, low=low, high=high, unit="s")
-                shifted |= dict.fromkeys(names, late)
+                shifted |= dict.fromkeys((n for n in names if n not in delayed), late)
         return shifted
+
+    def clocked(self, name: str) -> str:
+        """The input whose clock one has in these logs, "" for none."""
+        return self.system.clocked(name, self._shared)
 
     def _stamped_together(self) -> dict[str, list[str]]:
         """The logged inputs of each clock, by its first."""
         together: dict[str, list[str]] = {}
         for stated in self.system.logged:
-            together.setdefault(self.system.clocked(stated.name), []).append(stated.name)
+            together.setdefault(self.clocked(stated.name), []).append(stated.name)
         return together
 
     def curved_inputs(self, named: Sequence[str]) -> list[str]:
@@ -370,7 +372,7 @@ class LogModel(ComparisonDefaults):
         known = self.library.get(effect)
         if known is None or short != "delay_s" or known.port.role != "input":
             return 0.0
-        clock = f"clock.{self.system.clocked(known.port.name)}"
+        clock = f"clock.{self.clocked(known.port.name)}"
         return fitted.value(clock) if clock in fitted.names else 0.0
 
     @functools.cached_property

@@ -216,7 +216,9 @@ def _stays(model: LogModel, shown: Mapping[str, FloatArray]) -> int:
 def _at_base(model: LogModel, base: Fit, columns: Mapping[str, FloatArray]) -> tuple[LogModel, Fit]:
     """An imagined log, with noise and constants as the real ones have them."""
     time_s = np.asarray(model.dt_s * np.arange(len(next(iter(columns.values())))))
-    other = LogModel(model.system, [Recording("imagined", time_s, columns)])
+    other = LogModel(
+        model.system, [Recording("imagined", time_s, columns, clocks=model.recordings[0].clocks)]
+    )
     other.offer(model.library)
     free = other.free(base.hypothesis)
     known = dict(zip(base.names, base.theta, strict=True))
