@@ -204,22 +204,6 @@ def test_a_name_in_millinewtons_that_is_read_in_newtons_is_doubted(tmp_path: Pat
     assert "read as N, and its name says mN; check `unit`" in note
 
 
-def test_a_log_that_jitters_and_lost_a_few_rows_is_split_there(tmp_path: Path) -> None:
-    """Held at its own rate, one sample in ten would be lost beside ticks that jitter crosses."""
-    rng = np.random.default_rng(0)
-    t = np.arange(2000) / 50 + 0.002 * rng.standard_normal(2000)
-    t, u = np.delete(t, [400, 1100, 1101]), np.delete(np.arange(2000.0), [400, 1100, 1101])
-    path = table(tmp_path / "log.csv", t=t, u=u)
-    guessed = guess_columns(path)
-    assert "[resample]" not in guessed
-    assert "gap_s = 0.03 " in guessed
-    read_in = read_recordings([path], parse_columns(guessed.replace('"unused"', '"output"')))
-    assert np.array_equal(np.concatenate([r.columns["u"] for r in read_in.recordings]), u)
-    many = np.delete(np.arange(2000), np.arange(50, 2000, 50))
-    often = table(tmp_path / "often.csv", t=many / 50, u=many)
-    assert "[resample]" in guess_columns(often)
-
-
 def test_the_folder_that_one_stands_in_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -44,6 +44,19 @@ def test_hold_gives_the_newest_sample_and_never_looks_ahead(
         assert value == past[-1]
 
 
+@pytest.mark.parametrize("jitter_s", [0.0, 0.0004, 0.002])
+@pytest.mark.parametrize("lost", [[], [400, 1100, 1101], list(range(30, 1990, 40))])
+def test_no_sample_is_lost_to_the_ticks_of_a_clock_that_jitters(
+    jitter_s: float, lost: list[int]
+) -> None:
+    rng = np.random.default_rng(0)
+    number = np.delete(np.arange(2000.0), lost)
+    stamps_s = np.arange(2000) / 50 + np.clip(jitter_s * rng.standard_normal(2000), -0.008, 0.008)
+    stamps_s = np.delete(stamps_s, lost)
+    taken = np.unique(held(stamps_s, number, ticks_of(stamps_s, 50.0)))
+    assert len(taken) >= len(number) - 1
+
+
 @given(logs(), st.floats(2.0, 50.0), st.data())
 def test_no_filter_knows_a_sample_of_the_future(
     log: tuple[Vector, Vector], rate_hz: float, data: st.DataObject
@@ -70,7 +83,7 @@ def test_ticks_are_even_and_lie_within_the_log(log: tuple[Vector, Vector], rate_
         assert stamps_s[0] <= ticks_s[0]
         assert (
             ticks_s[-1]
-            <= stamps_s[-1] + 0.26 * float(np.median(np.diff(stamps_s))) + 1e-5 / rate_hz
+            <= stamps_s[-1] + 0.46 * float(np.median(np.diff(stamps_s))) + 1e-5 / rate_hz
         )
 
 

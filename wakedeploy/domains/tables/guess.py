@@ -205,10 +205,8 @@ def _text(
     if timing.stamps_s is not None:
         falls = on_falls(timing.stamps_s, first.values)
         lines += [f'falling = "{falls[0]}"  # ? {falls[1]}'] if falls else []
-        is_alone = not any(_differs(t, timing) for file in files for t in file.timings)
-        is_set_back = falls is not None and falls[0] == "split"
-        is_even, gap_s = pace_of(timing.stamps_s, is_set_back, is_alone)
-        if not (is_even and is_alone):
+        is_even, gap_s = pace_of(timing.stamps_s, falls is not None and falls[0] == "split")
+        if not is_even or any(_differs(t, timing) for file in files for t in file.timings):
             resampling = resampled(sampled for file in files for sampled in file.sampled())
     head = [
         f"# What the columns of {path.absolute().name} mean, as far as it can be seen. Lines with "

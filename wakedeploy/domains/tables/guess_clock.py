@@ -31,8 +31,6 @@ Vector = NDArray[np.float64]
 
 MOST_COLUMNS = 400
 _LATEST_S = 1e12
-_LOST = 1.5  # times the usual step from which on a row is lost; a shorter one is jitter
-_FEW_LOST = 200  # samples for each part of a log, at least, that is split at lost rows
 _TIME_NAMES = (
     r"t|time|times?tamp|stamps?|t_s|time_s|sec|secs|seconds|zeit|clock",
     r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
@@ -176,12 +174,8 @@ def on_falls(stamps_s: Vector, values: Mapping[str, Values]) -> tuple[str, str] 
     return "split", f"set back by {back_s:.3g} s, it goes on: sorted, two times would be mixed"
 
 
-def pace_of(stamps_s: Vector, begins_again: bool, is_alone: bool) -> tuple[bool, float | None]:
-    """Whether a clock, or each of its runs, is even, and the `gap_s` where it has gaps.
-
-    One that is even but for a few lost rows is split there, if it `is_alone`: brought to a rate,
-    a sample in ten would be lost or repeated beside ticks that its jitter crosses.
-    """
+def pace_of(stamps_s: Vector, begins_again: bool) -> tuple[bool, float | None]:
+    """Whether a clock, or each of its runs, is even, and the `gap_s` where it has gaps."""
     steps_s = np.diff(stamps_s)
     bound_s = max(1.0, 10.0 * float(np.median(steps_s[steps_s > 0])))
     cuts = between_falls(stamps_s) if begins_again else [slice(None)]
@@ -189,18 +183,8 @@ def pace_of(stamps_s: Vector, begins_again: bool, is_alone: bool) -> tuple[bool,
     is_even = sum(map(len, runs)) == len(stamps_s) and all(
         len(run) < 2 or unevenness(run) is None for run in runs
     )
-    if not is_even and is_alone and sum(map(len, runs)) == len(stamps_s):
-        usual_s = float(np.median(steps_s[steps_s > 0]))
-        parts = [part for run in runs for part in _between_gaps(run, _LOST * usual_s)]
-        whole = [part for part in parts if len(part) > 1]
-        if len(parts) * _FEW_LOST < len(stamps_s) and all(unevenness(p) is None for p in whole):
-            return True, float(f"{_LOST * usual_s:.2g}")
     has_gap = any((np.diff(run) > bound_s).any() for run in runs)
     return is_even, float(f"{bound_s:.2g}") if has_gap else None
-
-
-def _between_gaps(stamps_s: Vector, gap_s: float) -> list[Vector]:
-    return np.split(stamps_s, np.flatnonzero(np.diff(stamps_s) > gap_s) + 1)
 
 
 def _begins_again(stamps_s: Vector) -> bool:

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
-_NEAR = 0.25  # of a log's own step, by which its stamps may lie off the ticks to be one each
+_SLOWER = 1.25  # times the ticks' step, from which on a clock has fewer stamps than ticks
+_NEAR = 0.25  # of a step, by which stamps may lie off ticks that are more than they
+_OWN = 0.45  # the same where each tick has a stamp of its own, but for a few that were lost
+_FEW_LOST = 0.1  # share of a log's samples that may be lost while the others have a tick each
 _STALE_STEPS = 3.0  # usual ones, after which a sensor's last sample says nothing of now
 _FINER = 10.0  # times the cut-off, at which the filter runs at least
 _MOST_FINE = 64 << 20  # steps of the filter
@@ -20,7 +23,7 @@ _MOST_FINE = 64 << 20  # steps of the filter
 def even_ticks(clocks_s: Sequence[Vector], start_s: float, end_s: float, rate_hz: float) -> Vector:
     """Ticks at `rate_hz` within a piece, so late that stamps that jitter have a tick each.
 
-    Where a clock's stamps lie at the ticks up to a quarter of a step, ticks begin later by the most
+    Where a clock's stamps lie nearer to their ticks than to others, ticks begin later by the most
     that a stamp lies behind its tick. A sample is then never one tick late in one place and in time
     in the next.
     """
@@ -36,16 +39,21 @@ def even_ticks(clocks_s: Sequence[Vector], start_s: float, end_s: float, rate_hz
 def _lateness_s(stamps_s: Vector, ticks_s: Vector, rate_hz: float) -> float:
     """The most that a clock's stamps lie behind their ticks; 0 for one that has ticks of its own.
 
-    A slower clock has a tick for each stamp, a faster one a stamp for each tick.
+    A slower clock has a tick for each stamp, a faster one a stamp for each tick, but for a few that
+    were lost.
     """
     if len(stamps_s) < 2:
         return 0.0
     step_s = float(np.median(np.diff(stamps_s)))
-    if step_s * rate_hz > 1.0 + _NEAR:
-        off_s, step_s = stamps_s - _nearest(ticks_s, stamps_s), 1.0 / rate_hz
+    if step_s * rate_hz > _SLOWER:
+        off_s, near_s = stamps_s - _nearest(ticks_s, stamps_s), _NEAR / rate_hz
     else:
+        near_s = _OWN * step_s
         off_s = _nearest(stamps_s, ticks_s) - ticks_s
-    is_near = np.abs(off_s).max(initial=0.0) <= _NEAR * step_s
+        is_lost = np.abs(off_s) > 0.5 * step_s
+        if is_lost.mean() <= _FEW_LOST:
+            off_s = off_s[~is_lost]
+    is_near = np.abs(off_s).max(initial=0.0) <= near_s
     return max(float(off_s.max(initial=0.0)), 0.0) if is_near else 0.0
 
 
