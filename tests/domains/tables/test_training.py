@@ -80,8 +80,22 @@ def test_a_copy_with_a_row_left_out_is_no_other_recording(here: Path) -> None:
     text = COLUMNS.replace("window_s = 0.2", 'window_s = 0.2\ntest = ["run3"]')
     text += "[resample]\nrate_hz = 100\n[split]\ngap_s = 0.015\n"
     Path("columns.toml").write_text(text, "utf-8")
-    with pytest.raises(UnusableInput, match=r"run3: 100% of what it shows is in run0, too"):
+    with pytest.raises(UnusableInput, match=r"run3: 100% of it is in run0, too, row after row"):
         wd.import_table(sorted(here.glob("run*.csv")), "columns.toml")
+
+
+def test_recordings_that_are_alike_here_and_there_are_no_copies(here: Path) -> None:
+    """A switched command at other moments, answered without noise, in three decimals."""
+    rng = np.random.default_rng(0)
+    for path in sorted(here.glob("run*.csv")):
+        on, shown = rng.random(20) < 0.5, [0.0]
+        for k in range(3999):
+            shown.append(shown[-1] + 0.05 * (float(on[k // 200]) - shown[-1]))
+        v = np.round(shown, 3)
+        table = np.column_stack([np.arange(4000) / 100, v, np.round(2 * v * v, 3)])
+        np.savetxt(path, table, "%.3f", ",", header="t,v,f", comments="")
+    assert len(wd.import_table(sorted(here.glob("run*.csv")), "columns.toml").episodes) == 4
+    assert len(wd.import_table(["run0.csv"], "columns.toml").episodes) == 3
 
 
 def test_whole_files_are_held_out_where_there_are_enough(here: Path) -> None:

@@ -4,7 +4,6 @@ In: `Columns`, and pieces of recordings with their splits. Out: remarks; Unusabl
 could not be learnt from.
 """
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, product
 from pathlib import Path
@@ -24,8 +23,10 @@ Vector = NDArray[np.float64]
 
 _SAME = 0.5  # share of a recording's stretches from which on it is another's copy
 _STRETCH = 10  # rows: where a log has few digits, single ones are alike by chance
+_CUTS = 5  # rows that a copy may lack
 _FEW = 0.005  # the share of labels from which on it is said
 _NEAR = 1e-9  # of the largest number, by which a conversion of units may move it
+_CONSTANT = 2e-9  # of a value, by which a log's own arithmetic may change it
 _ROUNDED = 0.01  # of a column's spread, by which the rounding of a set may change its numbers
 _APART = 30.0  # times as large as in other logs; rad and deg are 57 apart, m and mm 1000
 
@@ -56,15 +57,16 @@ def require_fine_enough(pieces: Pieces, columns: Columns, units: Mapping[str, st
         values = np.concatenate([part.columns[name] for _, _, part in pieces])
         spread = float(values.std())
         rounding = float(np.std(values - values.astype(np.float32)))
-        if rounding <= _ROUNDED * spread:
-            continue
         usual = float(values.mean())
+        if rounding <= _ROUNDED * spread or spread < _CONSTANT * abs(usual):
+            continue
         step = float(np.spacing(np.float32(usual)))
+        in_unit = f"{usual:.6g} {units[name]}".removesuffix(" 1")
         per_unit = float(conversion(column.unit, units[name]))
         offset = column.offset - float(f"{usual / per_unit:.7g}")
         raise UnusableInput(
-            f"{columns.file}: columns.{name} stays near {usual:.6g} {units[name]} and changes by "
-            f"{spread:.2g}, and sets keep single precision, in steps of {step:.2g} there; give "
+            f"{columns.file}: columns.{name} stays near {in_unit} and changes by {spread:.2g}, and "
+            f"sets keep single precision, in steps of {step:.2g} there; give "
             f"offset = {offset!r}, which counts from a point nearby."
         )
 
@@ -194,31 +196,61 @@ def require_no_copies(digests: Mapping[Path, tuple[str, ...]]) -> None:
 
 
 def require_apart(pieces: Pieces, columns: Columns) -> None:
-    """UnusableInput where most rows of a held-out recording are in one that is trained on.
+    """UnusableInput where a held-out recording is a copy of one that is trained on.
 
-    A copy with a row left out, or with another date, is no other recording.
+    A copy with a row left out, or with another date, is no other recording. Pieces of one recording
+    may repeat themselves, as a periodic motion without noise does.
     """
     names = list(columns.with_role("observation", "force"))
-    stretches = [(split, name, _stretches(part, names)) for split, name, part in pieces]
-    for split, name, held_out in stretches:
-        for other, trained_on, seen in stretches:
-            shared = len(held_out & seen)
-            if split != "train" == other and shared > _SAME * len(held_out):
+    found = [(split, name, _marks(part, names)) for split, name, part in pieces]
+    learned = [
+        (name, *np.unique(marks, return_index=True)) for split, name, marks in found
+        if split == "train"
+    ]  # fmt: skip
+    for split, name, held_out in (each for each in found if each[0] != "train"):
+        for trained_on, known, first in learned:
+            if name.removesuffix(f"-{split}") == trained_on.removesuffix("-train"):
+                continue
+            if (share := _share_in_order(held_out, known, first)) > _SAME:
                 raise UnusableInput(
-                    f"{name}: {shared / len(held_out):.0%} of what it shows is in {trained_on}, "
-                    f"too, and {split} scores would tell of what was learned by heart; give one "
-                    "of both."
+                    f"{name}: {share:.0%} of it is in {trained_on}, too, row after row, and "
+                    f"{split} scores would tell of what was learned by heart; give one of both."
                 )
 
 
-def _stretches(part: Recording, names: Sequence[str]) -> set[bytes]:
-    """Every few rows of a recording in which something changes."""
+def _marks(part: Recording, names: Sequence[str]) -> NDArray[np.uint64]:
+    """A number for every few rows (T',) of a recording, 0 where nothing changes in them."""
     rows = np.column_stack([part.columns[n] for n in names])  # (T, d)
-    if len(rows) < _STRETCH:
-        return set()
-    windows = np.lib.stride_tricks.sliding_window_view(rows, _STRETCH, axis=0)  # (T', d, 10)
-    moves = np.ptp(windows, axis=2).any(axis=1)
-    return {hashlib.sha256(window.tobytes()).digest() for window in windows[moves]}
+    drawn = np.random.default_rng(0).integers(1, 1 << 63, (2, max(len(names), _STRETCH)))
+    factors = drawn.astype(np.uint64) | np.uint64(1)
+    of_row = (np.ascontiguousarray(rows).view(np.uint64) * factors[0, : len(names)]).sum(1)
+    count = len(of_row) - _STRETCH + 1
+    if count < 1:
+        return np.empty(0, np.uint64)
+    marks, moves = np.zeros(count, np.uint64), np.zeros(count, bool)
+    for k in range(_STRETCH):
+        later = of_row[k : k + count]
+        marks += later * factors[1, k]
+        moves |= later != of_row[:count]
+    return np.where(moves, marks, np.uint64(0))
+
+
+def _share_in_order(
+    held_out: NDArray[np.uint64], known: NDArray[np.uint64], first: NDArray[np.int64]
+) -> float:
+    """The share of a recording's moving stretches that another has at nearly one distance.
+
+    `known` are the other's marks (m,) in order of size, `first` where each begins.
+    """
+    moving = np.flatnonzero(held_out)
+    if not len(moving) or not len(known):
+        return 0.0
+    place = np.minimum(np.searchsorted(known, held_out[moving]), len(known) - 1)
+    is_there = known[place] == held_out[moving]
+    apart = np.sort(moving[is_there] - first[place[is_there]])
+    width = max(_CUTS, len(held_out) // 100)  # rows that may have been left out on the way
+    together = np.searchsorted(apart, apart + width, side="right") - np.arange(len(apart))
+    return float(together.max(initial=0)) / len(moving)
 
 
 def on_constants(pieces: Pieces, columns: Columns) -> Iterator[str]:
