@@ -169,10 +169,19 @@ def test_a_name_s_end_says_its_unit(name: str, unit: str | None) -> None:
         ("kraft_mN", "N", "mN"), ("f_un", "N", "uN"), ("tau_nmm", "N m", "Nmm"),
         ("v_km_h", "m/s", "kmh"), ("v_m_s", "m/s", None), ("gyro_deg_s", "rad/s", "deg/s"),
         ("tau_n_m", "N m", None), ("mass_g", "kg", "g"), ("acc_g", "m/s^2", None),
+        ("load_MN", "MN", None), ("load_MN", "N", "MN"), ("power_MW", "MW", None),
+        ("damping_n_m_s", "N m s", None), ("pos_m_s", "m", None), ("lag_m_s", "s", None),
     ],
 )  # fmt: skip
 def test_a_name_contradicts_another_unit(name: str, unit: str, named: str | None) -> None:
     assert contradicted(name, unit) == named
+
+
+@pytest.mark.parametrize("name", ["thrust_mn", "force_un", "mass_g"])
+def test_an_end_that_may_be_a_word_s_is_doubted_and_not_refused(name: str) -> None:
+    unit = "kg" if name.endswith("_g") else "N"
+    assert contradicted(name, unit)
+    assert contradicted(name, unit, surely=True) is None
 
 
 def test_conversion_rounds_once() -> None:

@@ -21,7 +21,7 @@ PAGES = (
     ),
 )
 FENCE = re.compile(
-    r"(?:<!-- file: (?P<file>\S+) -->\n+)?^ *```(?P<word>\S*)\n(?P<body>.*?)^ *```$",
+    r"(?:<!-- file: (?P<file>\S+) -->\n+)?^ *```(?P<word>\S*)(?: [a-z_]+)?\n(?P<body>.*?)^ *```$",
     re.MULTILINE | re.DOTALL,
 )
 

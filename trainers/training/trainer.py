@@ -295,7 +295,8 @@ def _require_usual_scale(data: EpisodeSet) -> None:
                 raise UnusableInput(
                     f"{_where(data)}: the {kind} {channel.name} {what} {channel.unit}, and what is"
                     f" trained on has to change by {_SMALLEST:g} at least and reach {_LARGEST:g} at"
-                    " most, since float32 cannot square more; use another unit: to = … in"
+                    " most, since float32 cannot square more; leave out a channel that is zero but"
+                    " for rounding, else use another unit: to = … in"
                     " columns.toml, or other numbers and their unit in the EpisodeSet."
                 )
 

@@ -255,10 +255,13 @@ _ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt`
     "mn": ["mN"], "un": ["uN"], "mnm": ["mN m"], "nmm": ["Nmm"], "ncm": ["N cm"], "g": ["g"],
     "mmps": ["mm/s"], "cmps": ["cm/s"], "ua": ["uA"], "mw": ["mW"], "kw": ["kW"], "khz": ["kHz"],
 }  # fmt: skip
+_CASED = {"MN": ["MN"], "MW": ["MW"]}  # ends that mean another unit in small letters
+_OFTEN_WORDS = {"mn", "un", "g", "ua", "mw"}  # ends that may be a word's, as of a mean: they doubt
 _IN_PARTS = {  # ends as they come from a header's brackets: `v [km/h]` becomes v_km_h
     "_km_h": "_kmh", "_m_s": "_mps", "_mm_s": "_mmps", "_cm_s": "_cmps", "_m_s2": "_mps2",
     "_m_s_2": "_mps2", "_rad_s": "_radps", "_rad_s2": "_radps2", "_deg_s": "_dps",
     "_kg_m2": "_kgm2", "_n_m": "_nm", "_mn_m": "_mnm", "_n_mm": "_nmm", "_n_cm": "_ncm",
+    "_n_m_s": "_nms",
 }  # fmt: skip
 # That are a unit beside any other. Not `servo_deg`, whose pulse is in µs, or `load_kg` in newtons.
 _PLAIN_ENDS = {"mps", "mps2", "radps", "radps2", "kgm2", "rpm", "kmh", "knots", "kts"}
@@ -281,18 +284,22 @@ def is_known(text: str) -> bool:
     return _read(_BROKEN_POWER.sub("", text)) is not None
 
 
-def contradicted(name: str, unit: str) -> str | None:
+def contradicted(name: str, unit: str, *, surely: bool = False) -> str | None:
     """The unit that a name ends in, where it is another one than `unit`; else None.
 
     Of another dimension only an end counts that means nothing else: `x_s` may be of the slave, and
-    `vx_mps` is a speed. Where the unit is "1" nobody has said one.
+    `vx_mps` is a speed. Where the unit is "1" nobody has said one. `surely` leaves out ends that
+    are often a word's: `force_mn` may be a mean.
     """
-    name = _in_one(name)
+    whole, name = name, _in_one(name)
     end, named = _end_of(name), _named(name)
+    if surely and end in _OFTEN_WORDS:
+        return None
     alike = [each for each in named if same_dimension(each, unit)]
     if alike:
         return None if any(same_unit(each, unit) for each in alike) else alike[0]
     is_whole = "_per_" not in name.lower()  # the end of push_n_per_mps is not all of its unit
+    is_whole &= name == whole  # x_m_s may be a place of the slave
     is_plain = end in _PLAIN_ENDS and is_known(unit) and not same_dimension(unit, "1") and is_whole
     return named[0] if named and is_plain else None
 
@@ -315,7 +322,9 @@ def _end_of(name: str) -> str:
 
 def _named(name: str) -> list[str]:
     """The units that the end of a name may mean."""
-    by_name = unit_at_end(name)
+    if (cased := _CASED.get(name.rpartition("_")[2])) is not None:
+        return cased
+    by_name = unit_at_end(name.lower())
     return [by_name] if by_name is not None else _ENDS_BESIDE.get(_end_of(name), [])
 
 

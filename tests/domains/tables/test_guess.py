@@ -181,6 +181,10 @@ def test_a_name_that_says_its_unit_keeps_it(tmp_path: Path) -> None:
         ("v [km/h]", "v_km_h", "km/h", "km/h"),
         ("gyro [deg/s]", "gyro_deg_s", "deg/s", "deg/s"),
         ("v [m/s]", "v_m_s", "m/s", None),
+        ("airspeed_m_s", "airspeed_m_s", "m/s", None),
+        ("accelerometer_m_s2", "accelerometer_m_s2", "m/s^2", None),
+        ("tau_n_m", "tau_n_m", "N m", None),
+        ("load_MN", "load_mn", "MN", None),
         ("Temp [degC]", "temp_k", "K", None),
     ],
 )

@@ -121,7 +121,7 @@ def scaled(data: EpisodeSet, kind: str, factor: float) -> EpisodeSet:
 def test_numbers_that_float32_cannot_square_are_refused_with_another_unit(
     echo: EpisodeSet, kind: str, factor: float
 ) -> None:
-    says = f"the {kind} .* float32 cannot square more; use another unit: to = … in columns.toml"
+    says = f"the {kind} .* float32 cannot square more; leave out .* another unit: to = … in columns"
     with pytest.raises(UnusableInput, match=says):
         configure(scaled(echo, kind, factor), "gru", seed=0, lead_s=0.0)
 

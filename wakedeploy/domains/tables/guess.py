@@ -73,13 +73,13 @@ _TO_DO_ASKED = (
 _MANY_ROWS, _MOST = 5000, 0.9  # that are looked at; a share that is nearly all
 _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"gyro.*rad(\[\d\])?$|_rad_?p?e?r?_?s$|rad/s", "rad/s"),
-    (r"_m_s2?(\[\d\])?$", "m/s^2"), (r"_mps2$", "m/s^2"), (r"_mps$", "m/s"),
+    (r"_m_s2(\[\d\])?$|_mps2$", "m/s^2"), (r"_m_s(\[\d\])?$|_mps$", "m/s"), (r"_n_m$", "N m"),
     (r"_dps$|_deg_?p?e?r?_?s$|deg/s", "deg/s"), (r"_mnm$", "mN m"), (r"_pct$|_percent$", "%"),
     (r"_nm$", "N m"), (r"_rad$", "rad"), (r"_deg$", "deg"), (r"_rpm$|^rpm$", "rpm"),
     (r"(^|_)(volt|voltage|volts|vbat)", "V"), (r"(^|_)(amps|ampere|current)(_a)?$", "A"),
     (r"_mv$", "mV"), (r"_ma$", "mA"), (r"_cm$", "cm"), (r"_m$", "m"), (r"_mm$", "mm"),
-    (r"_kmh$|_km_h$", "kmh"), (r"_(kts|knots)$", "knots"), (r"_mn$", "mN"), (r"_kn$", "kN"),
-    (r"_un$", "uN"), (r"_nmm$", "Nmm"), (r"_mm_?p?_?s$", "mm/s"), (r"_cm_?p?_?s$", "cm/s"),
+    (r"_kmh$|_km_h$", "kmh"), (r"_(kts|knots)$", "knots"),
+    (r"_nmm$", "Nmm"), (r"_mm_?p?_?s$", "mm/s"), (r"_cm_?p?_?s$", "cm/s"),
     (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
     (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
@@ -597,6 +597,8 @@ def _unit(field: Field) -> tuple[str | None, str]:
             return field.unit, ""
         except ValueError:
             return None, f"  # ? the log says {plain_line(field.unit)}, which is not known"
+    if (cased := re.search(r"_([mkuM]N|MW)$", field.name)) is not None:
+        return cased[1], "  # ? by its name"
     for pattern, unit in _UNITS_BY_NAME:
         if re.search(pattern, field.name.lower()):
             return unit, "  # ? by its name"

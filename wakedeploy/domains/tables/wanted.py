@@ -58,7 +58,7 @@ class Wanted:
 
     def require_honest_name(self) -> None:
         """A number in millivolts is not called `motor_v`: Python code would take it for volts."""
-        named = contradicted(self.name, self.unit)
+        named = contradicted(self.name, self.unit, surely=True)
         if named is not None and same_dimension(named, self.unit):
             advice = "delete the line `to`" if self.column.to else f'give to = "{named}"'
             raise UnusableInput(
@@ -79,7 +79,7 @@ class Wanted:
             return "read as K, and the log says °C; offset = 273.15 is missing"
         if stated is not None and _is_unit(stated) and not same_unit(stated, column.unit):
             return f"read as {column.unit}, and the log says {stated}; check `unit`"
-        named = contradicted(column.column.partition("[")[0].lower(), column.unit)
+        named = contradicted(column.column.partition("[")[0], column.unit)
         if named is None:
             # In its own name another unit of the same dimension may be what `to` or a system wants.
             renamed = contradicted(self.name.lower(), column.unit)
