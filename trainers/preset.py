@@ -79,9 +79,9 @@ def chosen_preset(asked: str, arch: str, domain: str) -> Preset | None:
     return chosen
 
 
-def shipped_preset(domain: str, arch: str, folder: Path = SHIPPED) -> Preset:
+def shipped_preset(domain: str, arch: str) -> Preset:
     """The tuned preset that ships for an architecture on a domain; UnusableInput without one."""
-    path = folder / domain / f"{arch}.toml"
+    path = SHIPPED / domain / f"{arch}.toml"
     if not path.is_file():
         raise UnusableInput(
             f"No tuned preset of {arch} ships for {domain} sets; find one with `wakedeploy tune"

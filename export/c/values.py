@@ -162,9 +162,7 @@ def literals(values: npt.NDArray[np.generic]) -> list[str]:
     ]
 
 
-def loop_axes(
-    shape: Shape, free: str = LOOP_VARIABLES
-) -> tuple[list[Index], list[tuple[str, int]]]:
+def loop_axes(shape: Shape) -> tuple[list[Index], list[tuple[str, int]]]:
     """An index for every axis, and the loops over those longer than 1: variable and length."""
     indices: list[Index] = []
     loops: list[tuple[str, int]] = []
@@ -172,7 +170,7 @@ def loop_axes(
         if length == 1:
             indices.append(Index())
             continue
-        name = free[len(loops)]
+        name = LOOP_VARIABLES[len(loops)]
         loops.append((name, length))
         indices.append(Index(((name, 1),)))
     return indices, loops

@@ -53,11 +53,11 @@ class PilotState:
 class Pilot:
     """The steps of a tick for one rig; `lead_s` is how far ahead its forecasts reach."""
 
-    def __init__(self, rig: Rig, lead_s: float = 0.0, rate_hz: float = LOOP_RATE_HZ) -> None:
+    def __init__(self, rig: Rig, lead_s: float = 0.0) -> None:
         self.rig, self.lead_s = rig, lead_s
         self.preview_s = default_lead_s(rig)  # an acceleration is wanted when its command acts
         self._estimator = Estimator(rig)
-        self._controller = Controller(rig, 1.0 / rate_hz)
+        self._controller = Controller(rig, 1.0 / LOOP_RATE_HZ)
 
     def initial(self, t_s: float) -> PilotState:
         """The state at rest on the stop: carriage homed, motors idle."""

@@ -97,10 +97,10 @@ class Node:
         value = self.attributes.get(name, ())
         return value if isinstance(value, tuple) else ()
 
-    def whole_number(self, name: str, default: int = 0) -> int:
-        """A whole number among the attributes."""
-        value = self.attributes.get(name, default)
-        return value if isinstance(value, int) else default
+    def whole_number(self, name: str) -> int:
+        """A whole number among the attributes; 0 where it is not given."""
+        value = self.attributes.get(name)
+        return value if isinstance(value, int) else 0
 
 
 @dataclass(frozen=True)

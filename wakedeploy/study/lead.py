@@ -24,7 +24,7 @@ import numpy as np
 
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.parallel import parallel_map
-from wakedeploy.domains.downwash import RATE_HZ, Flights, World, fly
+from wakedeploy.domains.downwash import RATE_HZ, Flights, fly
 from wakedeploy.study.closed_loop import FIRST_SEED
 from wakedeploy.study.runs import Wanted, best_run, candidates, obtained, obtained_run
 from wakedeploy.study.uncertainty import FloatArray, r2_of, rmse_interval, sums, units_of
@@ -230,19 +230,17 @@ def _downwash(flight: Flight) -> tuple[Tracked, int]:
     return tuple(np.sqrt((settled**2).sum(-1).mean(0)).tolist()), 0
 
 
-def flown_before(
-    seeds: Sequence[int], seconds: float, lead_s: float, *, world: World | None = None
-) -> Flights:
+def flown_before(seeds: Sequence[int], seconds: float, lead_s: float) -> Flights:
     """Flights that expect the force which the same flights met before, `lead_s` later."""
     from trainers.training.targets import shift_ahead
 
     longer_s = seconds + lead_s + 1.0 / RATE_HZ
     known = _Foreknown(np.zeros((0, len(seeds), 2)), 0)
-    flown = fly(seeds, world=world, seconds=longer_s, expect=known)
+    flown = fly(seeds, seconds=longer_s, expect=known)
     for _ in range(_PASSES):
         settling = known.calls - len(flown.force_n)
         known = _Foreknown(shift_ahead(flown.force_n, lead_s, RATE_HZ), settling)
-        flown = fly(seeds, world=world, seconds=longer_s, expect=known)
+        flown = fly(seeds, seconds=longer_s, expect=known)
     kept = round(seconds * RATE_HZ)
     return Flights(*(getattr(flown, name)[:kept] for name in vars(flown)))
 

@@ -134,17 +134,15 @@ def train_all(
     jobs: Sequence[tuple[EpisodeSet, Wanted]],
     runs: Path,
     *,
-    workers: int | None = None,
-    on_run: Callable[[int], None] = lambda work: None,
+    on_run: Callable[[int], None],
 ) -> None:
-    """Train what is not trained yet, as many runs at once as there are cores (or `workers`).
+    """Train what is not trained yet, as many runs at once as there are cores.
 
     `on_run` is called with the `work` of each run that is done.
     """
     parallel_map(
         _run,
         [(*job, runs) for job in jobs],
-        workers=workers,
         fresh=True,
         on_done=lambda job, done: on_run(work(job[0], job[1])),
     )

@@ -92,7 +92,7 @@ def test_a_gains_interval_is_students() -> None:
     model = Linear({"a": 0.5}, seed=2)
     candidate = rank(model, fit(model, (), EVERY), ("a",))[0]
     error = candidate.gains.std(ddof=1) * np.sqrt(EPISODES)
-    low, high = candidate.gain_interval(0.9)
+    low, high = candidate.gain_interval()
     assert 0.5 * (high - low) == pytest.approx(student_t.ppf(0.95, EPISODES - 1) * error)
     assert 0.5 * (high + low) == pytest.approx(candidate.gain_nats)
 

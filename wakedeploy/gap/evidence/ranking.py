@@ -72,12 +72,12 @@ class Candidate:
         """
         return float(self.gains.sum()) + self.prior_gain - self.looked_nats
 
-    def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
-        """Student's interval of the sum, from the spread between episodes."""
+    def gain_interval(self) -> tuple[float, float]:
+        """Student's 90 % interval of the sum, from the spread between episodes."""
         count = len(self.gains)
         if count < 2:
             return -np.inf, np.inf
-        reach = float(student_t.ppf(0.5 + 0.5 * level, count - 1))
+        reach = float(student_t.ppf(0.95, count - 1))
         reach *= float(self.gains.std(ddof=1)) * count**0.5
         return self.gain_nats - reach, self.gain_nats + reach
 

@@ -21,22 +21,16 @@ Unread = Mapping[str, tuple[str, str]]  # what an array is instead, and what to 
 class ArrayLog:
     """A file's arrays; `load` gives all of them, or those of some names."""
 
-    def __init__(
-        self,
-        path: Path,
-        load: Load,
-        units: Mapping[str, str] | None = None,
-        unread: Unread | None = None,
-    ) -> None:
+    def __init__(self, path: Path, load: Load, unread: Unread | None = None) -> None:
         self.path, self.notes = path, list[str]()
         self._held = dict(load(None))
-        self._units, self._unread = units or {}, unread or {}
+        self._unread = unread or {}
         self._arrays = Arrays(path, {name: array.shape for name, array in self._held.items()})
 
     def fields(self) -> list[Field]:
         """Every array, tables number by number."""
         return [
-            Field(name, unit=self._units.get(key), example=_example(array), unread=self._why(key))
+            Field(name, example=_example(array), unread=self._why(key))
             for key, array in self._held.items()
             for name in elements(key, array.shape)
         ]

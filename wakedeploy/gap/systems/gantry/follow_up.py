@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from wakedeploy.core.caller import Warn, unsaid
+from wakedeploy.core.caller import Warn
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import json_text, write_text_whole
 from wakedeploy.core.rig import Rig
@@ -25,7 +25,6 @@ from wakedeploy.gap.systems.gantry.planning.plan import (
     stated_sizes,
     write_plan_reference,
 )
-from wakedeploy.gap.systems.gantry.search.outcome import Thresholds
 from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import read_rig
@@ -174,11 +173,9 @@ def answered_again(
     question: Open,
     new: Sequence[Path],
     *,
-    workers: int = 2,
-    thresholds: Thresholds | None = None,
-    report: bool = True,
-    progress: Progress = quiet,
-    warn: Warn = unsaid,
+    workers: int,
+    progress: Progress,
+    warn: Warn,
 ) -> Followed:
     """The answer from all flights, the new ones first; writes `follow.json`.
 
@@ -190,13 +187,7 @@ def answered_again(
         warn(log.sentence)
     new = [Path(flight.name) for flight in flights]
     logs = [*new, *question.logs]
-    result = close(
-        *(question.rig_path, logs, folder),
-        workers=workers,
-        report=report,
-        progress=progress,
-        thresholds=thresholds,
-    )
+    result = close(question.rig_path, logs, folder, workers=workers, progress=progress)
     followed = Followed(
         split=list(question.names),
         new_logs=[str(path) for path in new],

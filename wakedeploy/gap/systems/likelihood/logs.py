@@ -63,13 +63,11 @@ class LogModel(ComparisonDefaults):
     `channels` are the outputs with their units; an episode is a block of a log.
     """
 
-    def __init__(
-        self, system: StateSpace, recordings: Sequence[Recording], outliers: float | None = None
-    ) -> None:
+    def __init__(self, system: StateSpace, recordings: Sequence[Recording]) -> None:
         self.system, self.name = system, system.name
         self._shared = shared_clocks(system, recordings)
         self.recordings = tuple(recordings)
-        share = system.outlier_share if outliers is None else outliers
+        share = system.outlier_share
         read = logs_of(system, recordings)
         self.logs = [without_strays(log, share) for log in read] if share else read
         left_out = sum(

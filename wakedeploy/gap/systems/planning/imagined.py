@@ -25,7 +25,7 @@ _LOST = 1e9  # a state this far away has run off
 
 
 def imagined(
-    model: LogModel, fitted: Fit, columns: Mapping[str, FloatArray], seed: int = 0
+    model: LogModel, fitted: Fit, columns: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
     """Outputs (L, n) by name along logged inputs (L, n) by name; NaN from where it has run off.
 
@@ -34,7 +34,7 @@ def imagined(
     """
     acting = model.acting(fitted.hypothesis)
     values = model.values(fitted.hypothesis, fitted.theta)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     steps = model.system.steps
     finely = steps * parts_in_step(model.system)
 

@@ -88,14 +88,14 @@ def fitted_share(flights: float) -> float:
     return 1.0 - sealed_count(round(flights)) / max(round(flights), 1)
 
 
-def null_quantile(evidence: Evidence, level: float = 0.95) -> float:
-    """The gain that the best effect exceeds with probability 1 − `level` when nothing is missing.
+def null_quantile(evidence: Evidence) -> float:
+    """The gain that the best effect exceeds once in 20 times when nothing is missing.
 
     It uses the same Gaussian draws; `name`'s simulated threshold also contains what is not linear.
     """
     draws = Draws.of(evidence, count=4 * DRAWS)
     gains = draws.gains(np.zeros(len(evidence.columns)))
-    return float(np.quantile(gains.max(axis=1), level))
+    return float(np.quantile(gains.max(axis=1), 0.95))
 
 
 def smallest_sizes(draws: Draws, name: str, threshold_nats: float) -> tuple[float, float]:

@@ -30,7 +30,6 @@ def glance(
     base: Fit,
     thresholds: Thresholds,
     progress: Progress = quiet,
-    candidates: Sequence[str] | None = None,
     disagrees: bool = False,
 ) -> Answer:
     """Rank the effects on few flights; the best is fitted by itself if it gains enough.
@@ -39,7 +38,7 @@ def glance(
     if something stands out: some of hundreds of sizes fit the noise of so few flights.
     """
     taken = {e.name for e in model.rig.effect}
-    names = [n for n in (candidates or LIBRARY) if n not in taken]
+    names = [n for n in LIBRARY if n not in taken]
     smooth = [n for n in names if not _is_scanned(model, n)] or names
     least = thresholds.effect_nats
     model, base, ranked = _ranked(model, base, smooth, least, progress)

@@ -75,11 +75,10 @@ class NullSet:
 def thresholds_for(
     rig: Rig,
     *,
-    sets: int = SETS,
     workers: int = 2,
     progress: Callable[[int, int], None] | None = None,
 ) -> Thresholds:
-    """The rig's thresholds: shipped, cached, or simulated now (minutes; `progress(done, sets)`).
+    """The rig's thresholds: shipped, cached, or simulated now (minutes; `progress(done, of)`).
 
     Simulated sets are kept as they finish: a stopped simulation goes on where it was.
     """
@@ -88,7 +87,7 @@ def thresholds_for(
         path = _cache_path(rig)
         path.parent.mkdir(parents=True, exist_ok=True)
         done = path.with_suffix(".jsonl")
-        known = quantiles(simulate(rig, sets=sets, workers=workers, kept=done, progress=progress))
+        known = quantiles(simulate(rig, workers=workers, kept=done, progress=progress))
         write_text_whole(path, json.dumps(asdict(known), indent=1))
         done.unlink(missing_ok=True)
     return known
