@@ -95,6 +95,16 @@ def legend(axes: "Axes", **options: Any) -> None:
     axes.legend(**(place | {"borderaxespad": 0.2, "handlelength": 1.6} | options))
 
 
+def legend_above(drawn: "Figure", grid: Any, columns: int) -> None:
+    """One legend above all axes of a grid; what several of them show stands there once."""
+    handles = {
+        label: handle
+        for axes in grid.flat
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    drawn.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=columns)
+
+
 def plain_log(axes: "Axes") -> None:
     """A logarithmic y axis with plain numbers (0.02, 0.5, 30), for what is drawn already."""
     from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator

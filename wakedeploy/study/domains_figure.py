@@ -58,14 +58,7 @@ def bars(by_domain: Mapping[str, Sequence[Line]]) -> "Figure":
             axes.set_title(f"{domain}, {MAIN[domain]}" if domain in MAIN else domain)
         for axes in list(grid.flat)[len(by_domain) :]:
             axes.set_axis_off()
-        handles = {
-            label: handle
-            for axes in grid.flat
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        drawn.legend(
-            list(handles.values()), list(handles), loc="outside upper center", ncols=across
-        )
+        figures.legend_above(drawn, grid, across)
     return drawn
 
 

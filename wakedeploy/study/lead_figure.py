@@ -54,12 +54,7 @@ def curves(by_domain: Mapping[str, Sequence[Point]]) -> "Figure":
             below.set_xlabel("lead [s]")
         grid[0, 0].set_ylabel("force RMSE / standard deviation")
         grid[1, 0].set_ylabel("tracking error, rms [mm]")
-        handles = {
-            label: handle
-            for axes in grid.flat
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        drawn.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=3)
+        figures.legend_above(drawn, grid, 3)
     return drawn
 
 

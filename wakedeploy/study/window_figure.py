@@ -65,14 +65,7 @@ def curves(
             axes.set_axis_off()
         for axes in grid[:, 0]:
             axes.set_ylabel("RMSE / standard deviation")
-        handles = {
-            label: handle
-            for axes in grid.flat
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        columns = 4 if across == 3 else 2
-        drawn.legend(list(handles.values()), list(handles), loc="outside upper center",
-                     ncols=columns)  # fmt: skip
+        figures.legend_above(drawn, grid, 4 if across == 3 else 2)
     return drawn
 
 

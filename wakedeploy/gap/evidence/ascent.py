@@ -149,7 +149,7 @@ class Ascent:
         for _ in range(_SHORTER):
             damping = _shorter(damping)
             sets.append(self._tried(slopes, theta, damping)[0])
-        beside = [_moved(tried, c, self._free[c])[0] for c in self._due(promised)]
+        beside = [aside(tried, self._free, c)[0] for c in self._due(promised)]
         if len(sets) + len(beside) <= self._room:
             sets += beside
         self._many(np.array(sets))
@@ -215,7 +215,7 @@ class Ascent:
     ) -> Slopes:
         """All slopes fresh, or `known` ones with some columns renewed."""
         columns = range(len(theta)) if known is None else known[1]
-        moved = [_moved(theta, column, self._free[column]) for column in columns]
+        moved = [aside(theta, self._free, column) for column in columns]
         sets = [m for m, _ in moved]
         if scores is None:
             *beside, here = self._many(np.array([*sets, theta]))
@@ -223,8 +223,8 @@ class Ascent:
             here, beside = scores, self._many(np.array(sets)) if moved else []
         innovation = _columns(here, len(theta), None if known is None else known[0].innovation)
         variance = _columns(here, len(theta), None if known is None else known[0].variance)
-        for column, (_, size), aside in zip(columns, moved, beside, strict=True):
-            for i, (s, there) in enumerate(zip(here, aside, strict=True)):
+        for column, (_, size), scores in zip(columns, moved, beside, strict=True):
+            for i, (s, there) in enumerate(zip(here, scores, strict=True)):
                 innovation[i][:, column] = (there.innovation - s.innovation) / size
                 variance[i][:, column] = (there.variance - s.variance) / size
         return Slopes(here, tuple(innovation), tuple(variance))
@@ -250,11 +250,11 @@ def _columns(
     return [np.zeros((len(s.innovation), count)) for s in scores]
 
 
-def _moved(theta: FloatArray, column: int, free: Free) -> tuple[FloatArray, float]:
-    """The parameters with one of them moved by its difference step, on the side that has room."""
-    size = free.step if theta[column] + free.step <= free.high else -free.step
+def aside(theta: FloatArray, free: Sequence[Free], i: int) -> tuple[FloatArray, float]:
+    """The parameters with one of them moved by its step, on the side that has room; that step."""
+    size = free[i].step if theta[i] + free[i].step <= free[i].high else -free[i].step
     moved = theta.copy()
-    moved[column] += size
+    moved[i] += size
     return moved, size
 
 

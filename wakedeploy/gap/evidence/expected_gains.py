@@ -19,7 +19,7 @@ from wakedeploy.gap.evidence.fits import (
     own_parameters,
     own_places,
 )
-from wakedeploy.gap.evidence.ranking import BENT_NATS, BENT_SD
+from wakedeploy.gap.evidence.ranking import BENT_NATS, bent_quantities
 
 _NO_SLOPE_NATS = 1e-9
 
@@ -46,11 +46,7 @@ def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: floa
     """
     if base.calibration_log_prior < BENT_NATS:
         return list(names)
-    bent = {
-        f.quantity
-        for f, value in zip(base.free, base.theta, strict=True)
-        if f.quantity and abs(value - f.neutral) > BENT_SD * f.prior_sd
-    }
+    bent = bent_quantities(base)
     kept = []
     for name, promised in zip(names, promises(model, base, names), strict=True):
         free = model.free((*base.hypothesis, name))

@@ -36,7 +36,7 @@ from wakedeploy.gap.progress import StepsDone, uncounted
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 4
 BENT_NATS = -12.0  # a base whose priors pay more has bent its constants; chance alone takes about 8
-BENT_SD = 2.0
+_BENT_SD = 2.0
 _SIZES_RELEASED = 3  # sizes of an effect of several summits, climbed with unbent constants
 _FEW_STARTS = 2
 _MOST_OTHERS = 2
@@ -229,6 +229,15 @@ def _climbed(model: Model, fits: Sequence[Fit], places: Sequence[int]) -> list[F
     return [fit(model, f.hypothesis, f.episodes, f.theta) for f in summits]
 
 
+def bent_quantities(base: Fit) -> set[str]:
+    """The calibrated constants that a fit moved far from their calibration."""
+    return {
+        f.quantity
+        for f, value in zip(base.free, base.theta, strict=True)
+        if f.quantity and abs(value - f.neutral) > _BENT_SD * f.prior_sd
+    }
+
+
 def _from_calibration(
     model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit], steps: StepsDone
 ) -> list[Fit]:
@@ -241,11 +250,7 @@ def _from_calibration(
     bent for effects that such candidates are confused with: these are climbed, too, and so are a
     few others that explain most without bending anything.
     """
-    bent = {
-        f.quantity
-        for f, value in zip(base.free, base.theta, strict=True)
-        if f.quantity and abs(value - f.neutral) > BENT_SD * f.prior_sd
-    }
+    bent = bent_quantities(base)
     owners = {n for n, fitted in zip(candidates, rough, strict=True) if bent & _moves(fitted, n)}
     known = relations(model)
     related = {r for n in owners if n in known for r in known[n].confused_with}

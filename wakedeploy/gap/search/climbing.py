@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wakedeploy.gap.evidence.ascent import top_within
+from wakedeploy.gap.evidence.ascent import aside, top_within
 from wakedeploy.gap.evidence.fits import (
     NO_SLOPES,
     Fit,
@@ -132,10 +132,7 @@ def fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:
     ]
     points, sizes = [theta], []
     for i in renewed:
-        free = fitted.free[i]
-        size = free.step if theta[i] + free.step <= free.high else -free.step
-        moved = theta.copy()
-        moved[i] += size
+        moved, size = aside(theta, fitted.free, i)
         points.append(moved)
         sizes.append(size)
     here, *beside = scores_of(model, fitted.hypothesis, np.array(points), fitted.episodes)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wakedeploy.gap.evidence.ascent import aside
 from wakedeploy.gap.evidence.fits import (
     LOST_NATS,
     Fit,
@@ -264,14 +265,6 @@ def starts_of(origin: FloatArray, free: Sequence[Free], places: Sequence[int]) -
             start[i] = np.clip(of[min(k, len(of) - 1)], free[i].low, free[i].high)
         starts.append(start)
     return starts
-
-
-def aside(theta: FloatArray, free: Sequence[Free], i: int) -> tuple[FloatArray, float]:
-    """A point with one parameter moved by its step, within its bounds, and that step."""
-    size = free[i].step if theta[i] + free[i].step <= free[i].high else -free[i].step
-    moved = theta.copy()
-    moved[i] += size
-    return moved, size
 
 
 def slopes_with(

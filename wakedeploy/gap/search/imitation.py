@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from wakedeploy.gap.evidence.ascent import aside
 from wakedeploy.gap.evidence.fits import (
     Fit,
     FloatArray,
@@ -26,7 +27,7 @@ from wakedeploy.gap.evidence.fits import (
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import DAMPINGS, height, raced, stepped
 from wakedeploy.gap.search.comparison import Comparison
-from wakedeploy.gap.search.first_look import aside, slopes_with, starts_of, together
+from wakedeploy.gap.search.first_look import slopes_with, starts_of, together
 
 NEAR = 0.3  # share of the best one's gain that another must reach there to be fitted
 _MOST = 4  # that are fitted from there

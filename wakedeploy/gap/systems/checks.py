@@ -33,6 +33,7 @@ from wakedeploy.gap.systems.trial_points import (
     is_number,
     limits_of,
     random_points,
+    split,
 )
 
 _System = TypeVar("_System", bound=StateSpace)
@@ -327,8 +328,7 @@ def _check_functions(system: StateSpace) -> None:
     for method in (system.rates, system.readings):
         evaluate = functools.partial(at, system, method, constants={})
         _check_points(function_name(system, method), evaluate, tried)
-    state = Point("state", {n: tried[n] for n in system.states})
-    inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
+    state, inputs = split(system, tried)
     if hasattr(system, "derivative_under") and not system.has_step:
         _check_forces(system, state, inputs)
     for port in system.ports:

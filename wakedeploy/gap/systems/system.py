@@ -18,7 +18,7 @@ import numpy.typing as npt
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import unit_at_end, unit_of
 from wakedeploy.gap.systems.calls import called, complete
-from wakedeploy.gap.systems.trial_points import bearable, limits_of
+from wakedeploy.gap.systems.trial_points import bearable, limits_of, split
 
 if TYPE_CHECKING:
     from wakedeploy.gap.search.artefacts import Answer
@@ -534,15 +534,12 @@ class StateSpace:
 
     def _shown(self, tried: Mapping[str, FloatArray]) -> dict[str, Any]:
         """What the sensors would show at states and inputs."""
-        state = Point("state", {n: tried[n] for n in self.states})
-        inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
-        return self.readings(state, inputs, self.values())
+        return self.readings(*split(self, tried), self.values())
 
     def probed(self) -> dict[str, FloatArray]:
         """What the functions give at some points: a fingerprint of what they compute."""
         tried, found = self._probed()
-        state = Point("state", {n: tried[n] for n in self.states})
-        inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
+        state, inputs = split(self, tried)
         each: list[tuple[str, Mapping[str, Any]]]
         each = [("measure", self._shown(tried))]
         each += [
@@ -571,10 +568,8 @@ class StateSpace:
             far_off = min(0.5, 0.5 * (high - low))
             there = tried[moved]
             tried[moved] = there + np.where(there + far_off <= high, far_off, -far_off)
-        state = Point("state", {n: tried[n] for n in self.states})
-        inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
         with np.errstate(all="ignore"):
-            rates = self.rates(state, inputs, self.values(constants))
+            rates = self.rates(*split(self, tried), self.values(constants))
         return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in rates.items()}
 
     @functools.cached_property

@@ -60,7 +60,7 @@ def at(
     system: "StateSpace", method: Method, tried: Points, constants: Mapping[str, float]
 ) -> dict[str, Any]:
     """What a function of the system gives at the points."""
-    return method(*_split(system, tried), system.values(constants))
+    return method(*split(system, tried), system.values(constants))
 
 
 def is_number(
@@ -84,7 +84,7 @@ def _gives_numbers(system: "StateSpace", points: Points) -> bool:
         return False
     if not all(is_number(system, m, points, {}).all() for m in (system.rates, system.readings)):
         return False
-    state, inputs = _split(system, points)
+    state, inputs = split(system, points)
     try:
         with np.errstate(all="ignore"):
             added = [
@@ -114,7 +114,7 @@ def _made(system: "StateSpace", points: Points) -> dict[str, FloatArray]:
     return made
 
 
-def _split(system: "StateSpace", points: Points) -> tuple["Point", "Point"]:
+def split(system: "StateSpace", points: Points) -> tuple["Point", "Point"]:
     """The states and the inputs of points."""
     states = {n: points[n] for n in system.states}
     return (

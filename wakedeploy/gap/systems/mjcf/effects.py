@@ -200,10 +200,7 @@ def _bias_of(written: Fitted, actuator: Actuator) -> Range:
 
 
 def _force_unit(elements: Elements, actuator: Actuator) -> str:
-    turns = next(
-        (j.turns for j in elements.joints if j.name == actuator.joint and not j.body), None
-    )
-    return {True: "N m", False: "N", None: "1"}[turns]
+    return {True: "N m", False: "N", None: "1"}[elements.turns(actuator)]
 
 
 def _move(written: Fitted, element: str, name: str, attribute: str, limits: Any, by: float) -> None:

@@ -123,6 +123,11 @@ class Elements:
         found = [j for j in self.joints if j.speed_word]
         return tuple((found[i], found[i + 1], found[i + 2]) for i in range(0, len(found), 3))
 
+    def turns(self, actuator: Actuator) -> bool | None:
+        """Whether the joint of an actuator turns; None where it acts on no joint of one axis."""
+        joints = (j for j in self.joints if j.name == actuator.joint and not j.body)
+        return next((j.turns for j in joints), None)
+
     def positions(self, states: FloatArray) -> FloatArray:
         """MuJoCo's positions (N, nq) where the joints are at `states` (N, joints)."""
         places = np.empty((len(states), self.model.nq))

@@ -137,9 +137,7 @@ def _input(actuator: Actuator, elements: Elements) -> str:
 
 def _unit(actuator: Actuator, elements: Elements) -> str:
     """A command's unit: that of what it asks for, "1" where joint and actuator do not say."""
-    turns = next(
-        (j.turns for j in elements.joints if j.name == actuator.joint and not j.body), None
-    )
+    turns = elements.turns(actuator)
     if actuator.wrench_unit:
         return actuator.wrench_unit
     if actuator.follows in ("pressure", "voltage"):
