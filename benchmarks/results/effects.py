@@ -1,8 +1,7 @@
 """What docs/reference/effects.md takes from the library: its effects and their equations."""
 
-from wakedeploy.physics.effects import equation_table, markdown_table
+from wakedeploy.physics.effects import LIBRARY, Parameter
 
-TABLES = (markdown_table, equation_table)
 _ENDS = "<!-- end of table -->"
 
 
@@ -18,3 +17,38 @@ def filled(text: str) -> str:
             )
         text = before + begins + made() + _ENDS + after
     return text
+
+
+def markdown_table() -> str:
+    """The library as a Markdown table, one line per effect, in the order in which they act."""
+    lines = [
+        "| Effect | Acts on | Physics | Parameters (unit, prior scale, bounds) | Confused with "
+        "| Split by |",
+        "|---|---|---|---|---|---|",
+    ]
+    for shape in LIBRARY.values():
+        parameters = "<br>".join(_parameter_cell(parameter) for parameter in shape.parameters)
+        rivals = ", ".join(f"`{name}`" for name in shape.confused_with)
+        lines.append(
+            f"| `{shape.name}` | {shape.stage} | {shape.physics} | {parameters} | {rivals} "
+            f"| {shape.split_by} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def equation_table() -> str:
+    """What each effect makes of the rig's quantities, as a Markdown table in the same order."""
+    lines = ["| Effect | Equation |", "|---|---|"]
+    for shape in LIBRARY.values():
+        equation = shape.equation.replace("|", "\\|")
+        lines.append(f"| `{shape.name}` | `{equation}` |")
+    return "\n".join(lines) + "\n"
+
+
+def _parameter_cell(parameter: Parameter) -> str:
+    replaced = "" if parameter.constant is None else f"; rig constant `{parameter.constant}`"
+    bounds = f"{parameter.low:g}…{parameter.high:g}"
+    return f"`{parameter.name}` ({parameter.unit}, {parameter.scale:g}, {bounds}{replaced})"
+
+
+TABLES = (markdown_table, equation_table)

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from effect_rigs import HOVER_US, NO_WAKE, WEIGHT_N, flown
 
+from benchmarks.results.effects import TABLES
 from wakedeploy.gap.systems.kinds.kind import Scales
 from wakedeploy.physics import effects
-from wakedeploy.physics.effects import LIBRARY, Effect, chain, equation_table, markdown_table
+from wakedeploy.physics.effects import LIBRARY, Effect, chain
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig.file import parse_rig
 
@@ -21,7 +22,7 @@ PAGE = (DOCS / "reference" / "effects.md").read_text("utf-8")
 OWN = (DOCS / "how-to" / "own-effect.md").read_text("utf-8")
 
 
-@pytest.mark.parametrize("made", [markdown_table, equation_table])
+@pytest.mark.parametrize("made", TABLES)
 def test_the_tables_are_up_to_date(made: Callable[[], str]) -> None:
     name = made.__name__
     table = re.search(rf"{name}\(\) -->\n(.*?)<!-- end of table -->", PAGE, re.DOTALL)

@@ -30,9 +30,7 @@ __all__ = (
     "Setting",
     "Values",
     "effect",
-    "equation_table",
     "found_effects",
-    "markdown_table",
     "replacing",
 )
 
@@ -88,35 +86,3 @@ def effect(name: str) -> Effect:
         known = ", ".join(LIBRARY)
         raise UnusableInput(f"There is no effect {name!r} in the library; it knows {known}.")
     return LIBRARY[name]
-
-
-def markdown_table() -> str:
-    """The library as a Markdown table, one line per effect, in the order in which they act."""
-    lines = [
-        "| Effect | Acts on | Physics | Parameters (unit, prior scale, bounds) | Confused with "
-        "| Split by |",
-        "|---|---|---|---|---|---|",
-    ]
-    for shape in LIBRARY.values():
-        parameters = "<br>".join(_parameter_cell(parameter) for parameter in shape.parameters)
-        rivals = ", ".join(f"`{name}`" for name in shape.confused_with)
-        lines.append(
-            f"| `{shape.name}` | {shape.stage} | {shape.physics} | {parameters} | {rivals} "
-            f"| {shape.split_by} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def equation_table() -> str:
-    """What each effect makes of the rig's quantities, as a Markdown table in the same order."""
-    lines = ["| Effect | Equation |", "|---|---|"]
-    for shape in LIBRARY.values():
-        equation = shape.equation.replace("|", "\\|")
-        lines.append(f"| `{shape.name}` | `{equation}` |")
-    return "\n".join(lines) + "\n"
-
-
-def _parameter_cell(parameter: Parameter) -> str:
-    replaced = "" if parameter.constant is None else f"; rig constant `{parameter.constant}`"
-    bounds = f"{parameter.low:g}…{parameter.high:g}"
-    return f"`{parameter.name}` ({parameter.unit}, {parameter.scale:g}, {bounds}{replaced})"
