@@ -75,8 +75,7 @@ def latency(
 
         write_bench_page(report, rows, budget, files)
         click.echo(f"Report: {report}.")
-    if json_path:
-        write_json(json_path, as_json(rows, budget))
+    write_json(json_path, as_json(rows, budget))
     _judge(rows, budget)
 
 

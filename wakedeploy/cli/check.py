@@ -41,11 +41,11 @@ def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
     try:
         rows = (_checked_c if file.is_dir() else _checked)(file, rig_path, result)
     except (UnusableInput, CheckFailed) as error:
-        _write(json_path, result | {"why": str(error)})
+        write_json(json_path, result | {"why": str(error)})
         raise
     title = f"{file}: {result['arch']} for {result['domain']}, as promised"
     print_table(title, ["", ""], rows)
-    _write(json_path, result | {"ok": True})
+    write_json(json_path, result | {"ok": True})
 
 
 def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[list[str]]:
@@ -126,8 +126,3 @@ def _require_fit(manifest: "Manifest", rig_path: Path) -> None:
 def _fit(manifest: "Manifest", rig_path: Path) -> list[str]:
     """What a package is said to be for that fits the rig's loop."""
     return [f"rate, channels, forces and lead of {rig_path}", f"fit, {manifest.lead_s:g} s ahead"]
-
-
-def _write(path: Path | None, result: dict[str, Any]) -> None:
-    if path:
-        write_json(path, result)

@@ -70,8 +70,7 @@ def command(
     _draw(logs / f"pid-{_SEED:04d}.mcap", logs / f"feedforward-{_SEED:04d}.mcap", out / "demo.png")
     result |= {"picture": str(out / "demo.png"), "seconds": round(time.monotonic() - began, 1)}
     tell(result)
-    if json_path:
-        write_json(json_path, result)
+    write_json(json_path, result)
     if not result["ok"]:
         raise CheckFailed(
             "The predictor did not help: see the table above. Simulate more flight to train on, "

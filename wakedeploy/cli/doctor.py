@@ -83,8 +83,7 @@ def command(rig_path: Path | None, json_path: Path | None) -> None:
         if finding.fix:
             click.echo(f"{finding.name}: {finding.fix}")
     broken = any(finding.state == BROKEN for finding in findings)
-    if json_path:
-        write_json(json_path, {"ok": not broken, "findings": [asdict(f) for f in findings]})
+    write_json(json_path, {"ok": not broken, "findings": [asdict(f) for f in findings]})
     raise click.exceptions.Exit(1 if broken else 0)
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from wakedeploy.cli.export_c import CWish, c_of_package, c_of_run, c_options, write_json_of
+from wakedeploy.cli.export_c import CWish, c_of_package, c_of_run, c_options
 from wakedeploy.cli.names import ARCHITECTURE
-from wakedeploy.cli.output import Written, print_table, progress, stage_bars
+from wakedeploy.cli.output import Written, print_table, progress, stage_bars, write_json
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def command(
                 raise UnusableInput(
                     f"--{option} makes a package, and --package has one; give one of the two."
                 )
-        write_json_of(json_path, c_of_package(wanted, data))
+        write_json(json_path, c_of_package(wanted, data))
         return
     with progress("Loading PyTorch", 1):
         from trainers.trained_run import load_run
@@ -95,7 +95,7 @@ def command(
     result = _json(package, made.path)
     if episodes is not None:
         result |= {"c": c_of_run(wanted, package, trained, episodes)}
-    write_json_of(json_path, result)
+    write_json(json_path, result)
 
 
 def _set_of(run: "TrainedRun", data: Path | None) -> "EpisodeSet":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import click
 
 from wakedeploy.cli.numbers import Within
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import print_table, progress
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -199,9 +199,3 @@ def rounding_rows(folder: "CFolder") -> list[list[str]]:
             for name, error in rounding.rmse.items()
         ]
     return [*rows, ["measured on", rounding.on]]
-
-
-def write_json_of(path: Path | None, result: dict[str, Any]) -> None:
-    """Write the result where --json asks for it."""
-    if path:
-        write_json(path, result)

@@ -77,8 +77,7 @@ def command(
     logs = [(read_run_log(pair.off), read_run_log(pair.on)) for pair in flown]
     wakes = compare(logs, request.rig)
     _tell_wakes(flown, wakes)
-    if json_path:
-        write_json(json_path, _as_json(flown, wakes))
+    write_json(json_path, _as_json(flown, wakes))
 
 
 def _ask(question: str) -> bool:

@@ -214,8 +214,7 @@ def close_gap(
     if after := advice(closed.steps, out):
         click.echo(f"\n{after.text}")
     click.echo(f"\nReport: {closed.report}")
-    if json_path is not None:
-        write_json(json_path, closed.result.as_json())
+    write_json(json_path, closed.result.as_json())
 
 
 @command.command("find", cls=Many)
@@ -390,8 +389,7 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     if after := advice(read_steps(out), out):
         click.echo(after.text)
     click.echo(f"Report: {out / 'report.html'}")
-    if json_path is not None:
-        write_json(json_path, outcome.as_json())
+    write_json(json_path, outcome.as_json())
 
 
 def _say_if_few(out: Path) -> None:

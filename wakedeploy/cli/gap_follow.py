@@ -76,8 +76,7 @@ def follow(
     if not followed.is_settled:
         click.echo("It is still open; run this again to fly on, or see the report's next step.")
     click.echo(f"Report: {out / 'report.html'}")
-    if json_path is not None:
-        write_json(json_path, followed.model_dump(mode="json", by_alias=True))
+    write_json(json_path, followed.model_dump(mode="json", by_alias=True))
 
 
 def _virtual(question: "Open", plant_rig: Path | None, hooks: str | None) -> "Fly":

@@ -89,8 +89,7 @@ def plan(
     with progress("Flying manoeuvres", len(menu()) + 1) as bar:
         made = make_plan(rig, members, sizes=sizes, progress=bar.update)
     _tell_plan(made)
-    if json_path is not None:
-        write_json(json_path, made.as_artefact.as_json())
+    write_json(json_path, made.as_artefact.as_json())
     if out is not None:
         _keep(made, out)
     if reference is not None and made.best is None:

@@ -67,5 +67,4 @@ def reference(
     for sentence in content["sentences"]:
         click.echo(sentence)
     click.echo(f"Wrote {out / 'rig.toml'}: give it as --rig from now on.")
-    if json_path is not None:
-        write_json(json_path, content)
+    write_json(json_path, content)

@@ -116,8 +116,7 @@ def check(
         ["constant or effect", "moves", "others free", "looks like"],
         [[r.name, _share(r.moved), _share(r.left), ", ".join(r.like)] for r in sensitivities],
     )
-    if json_path:
-        write_json(json_path, {"rows": [vars(r) for r in sensitivities], "notes": notes})
+    write_json(json_path, {"rows": [vars(r) for r in sensitivities], "notes": notes})
 
 
 def _share(value: float) -> str:
@@ -163,8 +162,7 @@ def simulate(
             row = [recording.name, output.name, f"{plain[output.name]:.4g}", value, output.unit]
             rows.append(row)
     print_table("rms error of the replay", ["log", "output", "without", "with", "unit"], rows)
-    if json_path:
-        write_json(json_path, errors)
+    write_json(json_path, errors)
 
 
 def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
@@ -208,8 +206,7 @@ def run_steps(
     _tell(taken, out, only, is_added=step not in ("find", "name"))
     if (command := _following(step, taken, same_command())) is not None:
         click.echo(f"Next: {command}")
-    if json_path:
-        write_json(json_path, taken.told.as_json())
+    write_json(json_path, taken.told.as_json())
 
 
 def _following(step: str, taken: "Taken", command: str) -> str | None:

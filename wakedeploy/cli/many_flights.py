@@ -31,8 +31,7 @@ def fly_and_tell(asked: dict[str, Any], flights: int, workers: int, json_path: P
     _tell(result)
     if log is not None:
         click.echo(f"Recorded in {log}.")
-    if json_path:
-        write_json(json_path, result)
+    write_json(json_path, result)
     if result["ended_early"]:
         early = result["ended_early"][0]
         raise CheckFailed(

@@ -164,11 +164,12 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     console.print(table)
 
 
-def write_json(path: Path, result: Any) -> None:
-    """Write a result as JSON, whole or not at all; NaN and infinity become null."""
+def write_json(path: Path | None, result: Any) -> None:
+    """Write a result as JSON if there is a path, whole or not at all; NaN becomes null."""
     from wakedeploy.core.files import json_text, write_text_whole
 
-    write_text_whole(path, json_text(result))
+    if path is not None:
+        write_text_whole(path, json_text(result))
 
 
 def _side(rows: Sequence[Sequence[str]], index: int) -> Any:

@@ -64,8 +64,7 @@ def show(path: Path | None, json_path: Path | None) -> None:
     rows = [[n, v, _unit(n, units), _spread(rig, n)] for n, v in constants.items()]
     print_table(f"{path or 'default rig'}", ["constant", "value", "unit", "spread"], rows)
     click.echo(f"Lead that fits this rig: {default_lead_s(rig):g} s.")
-    if json_path:
-        write_json(json_path, {"rig": rig.model_dump(mode="json", by_alias=True)})
+    write_json(json_path, {"rig": rig.model_dump(mode="json", by_alias=True)})
 
 
 def _flat(table: dict[str, Any], above: str = "") -> dict[str, str]:

@@ -152,8 +152,7 @@ def _tell(tally: "Tally", budget_ms: float, json_path: Path | None) -> None:
     result = summary(tally, budget_ms)
     print_table("Run", ["", ""], [[name, shown] for name, shown in _lines(result)])
     click.echo(f"Recorded in {tally.log}." if tally.log else "Not recorded; --log FILE does that.")
-    if json_path:
-        write_json(json_path, result)
+    write_json(json_path, result)
 
 
 def summary(tally: "Tally", budget_ms: float) -> dict[str, Any]:

@@ -213,8 +213,7 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
         of_set = [row for row in trained if row["data"] == data]
         devices = ", ".join(dict.fromkeys(row["device"] for row in of_set))
         print_table(f"{data}: test episodes, {devices}", *_table(of_set))
-    if json_path:
-        write_json(json_path, {"rows": report.rows, "waiting": report.waiting})
+    write_json(json_path, {"rows": report.rows, "waiting": report.waiting})
     click.echo(
         f"{len(done)} of {len(report.rows) + report.waiting} jobs are done; {report.begun} were run"
         f" now. Table: {out / 'results.csv'}"
