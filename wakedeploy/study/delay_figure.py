@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy.core import figures
+from wakedeploy.study.claims import agrees
 from wakedeploy.study.delay import (
     ALIKE_S,
     Attended,
@@ -178,13 +179,13 @@ def _attention_in_the_paper(look: Attended) -> str:
     """The paper's figure of the weights, and whether this one agrees."""
     peak_s = float(look.ages_s[np.argmax(look.mean_weights)])
     share = look.present * len(look.ages_s)  # of the weight that it would have if all were equal
-    agrees = abs(peak_s - look.transport.mean_s - PAPER_SHIFT_S) <= ALIKE_S
+    is_there = abs(peak_s - look.transport.mean_s - PAPER_SHIFT_S) <= ALIKE_S
     return (
         f"In the paper the weights peak {PAPER_PEAK_S:g} s ago, {PAPER_SHIFT_S:g} s longer than "
         f"the transport delay of {PAPER_TRUE_S:g} s, and recent snapshots have next to none: here "
         f"they peak {_age(peak_s)}, {_apart(peak_s - look.transport.mean_s)} than the transport "
-        f"delay, which {_verdict(agrees)} within {ALIKE_S:g} s, and the present has {share:.1f} "
-        f"times the uniform weight, which {_verdict(share < 0.5)}."
+        f"delay, which {agrees(is_there)} within {ALIKE_S:g} s, and the present has {share:.1f} "
+        f"times the uniform weight, which {agrees(share < 0.5)}."
     )
 
 
@@ -238,7 +239,7 @@ def _starts(lines: Sequence[Learned]) -> str:
     if lines[0].domain == PAPER_DOMAIN:
         text += (
             "; in the paper it ends at the physical delay wherever it starts, which "
-            f"{_verdict(alike == len(runs) and _at_the_delay(lines))}"
+            f"{agrees(alike == len(runs) and _at_the_delay(lines))}"
         )
     return f"{text}."
 
@@ -260,8 +261,8 @@ def _delay_in_the_paper(lines: Sequence[Learned]) -> str:
         f"In the paper μ is {PAPER_SHIFT_S:g} s longer than the transport delay at all five "
         f"separations, which is a slope of 1: here it is longer by {offsets} s, within "
         f"{ALIKE_S:g} s of that at {alike} of {len(apart_s)}, which "
-        f"{_verdict(alike == len(apart_s))}, with a slope of {_two(slope)}, which "
-        f"{_verdict(follows)} within {ALIKE_SLOPE:g}."
+        f"{agrees(alike == len(apart_s))}, with a slope of {_two(slope)}, which "
+        f"{agrees(follows)} within {ALIKE_SLOPE:g}."
     )
 
 
@@ -340,10 +341,6 @@ def parts(looks: Sequence[Attended], lines: Sequence[Learned]) -> list[Part]:
 
 def _interval(true: Transport, unit: str = " s") -> str:
     return f"{true.mean_s:.3f}{unit} [{true.low_s:.3f}, {true.high_s:.3f}]"
-
-
-def _verdict(agrees: bool) -> str:
-    return "agrees" if agrees else "does not agree"
 
 
 def _age(age_s: float) -> str:

@@ -83,20 +83,6 @@ class Evidence:
         remainder = total[p:, p:] - explained
         return np.asarray(0.5 * (remainder + remainder.T))
 
-    def only(self, names: Sequence[str]) -> "Evidence":
-        """The same evidence about some of the effects."""
-        kept = [i for i, c in enumerate(self.columns) if c.effect in names]
-        p = len(self.precision)
-        places = [*range(p), *(p + i for i in kept)]
-        rows = [self.names.index(name) for name in names]
-        return Evidence(
-            tuple(names),
-            tuple(self.columns[i] for i in kept),
-            self.precision,
-            self.gram[:, places][:, :, places],
-            self.whole[np.ix_(rows, kept)],
-        )
-
     def of(self, name: str) -> list[int]:
         """The directions of an effect."""
         return [i for i, c in enumerate(self.columns) if c.effect == name]

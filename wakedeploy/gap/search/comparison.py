@@ -191,6 +191,11 @@ class ComparisonDefaults:
         """It has one way to predict."""
         return None
 
+    def values(self: Comparison, hypothesis: Hypothesis, theta: FloatArray) -> dict[str, float]:
+        """Parameters by name."""
+        names = (f.name for f in self.free(hypothesis))
+        return dict(zip(names, map(float, theta), strict=True))
+
     def log_of(self, episode: int) -> int:
         """Each episode is a log."""
         return episode

@@ -224,11 +224,6 @@ class LogModel(ComparisonDefaults):
         parameters = tuple(f for effect in hypothesis for f in self.effects[effect])
         return (*self._nuisances, *parameters)
 
-    def values(self, hypothesis: Hypothesis, theta: FloatArray) -> dict[str, float]:
-        """Parameters by name."""
-        names = (f.name for f in self.free(hypothesis))
-        return dict(zip(names, map(float, theta), strict=True))
-
     def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
         """One block under one parameter set."""
         return self.scores(hypothesis, np.asarray(theta)[None], (episode,))[0][0]

@@ -90,11 +90,6 @@ class ResponseModel(ComparisonDefaults, abc.ABC):
         parameters = tuple(f for effect in hypothesis for f in self.effects[effect])
         return (*self._noise(), *self.nuisances(), *parameters)
 
-    def values(self, hypothesis: Hypothesis, theta: FloatArray) -> dict[str, float]:
-        """Parameters by name."""
-        names = (f.name for f in self.free(hypothesis))
-        return dict(zip(names, map(float, theta), strict=True))
-
     def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
         """Innovations of every channel, one channel after another."""
         values = self.values(hypothesis, theta)
