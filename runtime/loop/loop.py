@@ -192,9 +192,10 @@ class Loop:
 
     def _ending(self) -> str:
         """How the flight ended, for its summary."""
-        if self.is_dropped:
-            return DROPPED
         cause = self.failsafe_cause
+        # A board that hears nothing comes down by itself, whatever a person asked for.
+        if self.is_dropped and "link_lost" not in cause and not self._plan.motors_off:
+            return DROPPED
         stopped = cause == () and self.stop_asked and not self._finished
         if stopped or cause[:1] == ("operator_stop",):
             return "stopped by hand"

@@ -89,7 +89,7 @@ def _answer(run: TrainedRun, channel: Quantity, baselines: Mapping[str, Score]) 
     if bar is not None and rmse >= bar.rmse:
         return [
             f"{sentence}: it learned nothing.",
-            f"Always naming {bar.named} does as well: it errs by {bar.rmse:.3g} {channel.unit}.",
+            f"Always naming {bar.named} errs no more: by {bar.rmse:.3g} {channel.unit}.",
         ]
     judged = "Judged on episodes that took no part in training."
     if bar is not None:

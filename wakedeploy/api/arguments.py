@@ -106,11 +106,15 @@ def _reworded(sentence: str, known: Collection[str]) -> str:
         option = found["option"]
         if option is None:
             return found[0]
+        is_off = option.startswith("no-")
+        option = option.removeprefix("no-")
         name = _ARGUMENTS.get(option, option.replace("-", "_"))
         if found["said"]:
             return f"{found['said']}"
         if name not in known:
             return found[0]
+        if is_off:
+            return f"{name}=False{' ' + found['value'] if found['value'] else ''}"
         return name if found["value"] is None else f"{name} {found['value']}"
 
     return _OPTION.sub(argument, sentence)

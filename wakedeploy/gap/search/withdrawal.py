@@ -30,8 +30,8 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
     """The outcome without effects that later ones made superfluous.
 
     What was named first took what is another's, and that one was fitted beside it. So where both
-    change outputs alike, the other also begins anew. Only this one effect is asked, not the best of
-    all: one in twenty of those that are superfluous may seem needed.
+    change outputs alike, the other also begins anew. One effect is asked, not the best of many: to
+    gain steadily, it need not be steadier than the luckiest of all would be.
     """
     found = outcome.found
     if not outcome.rounds:

@@ -35,7 +35,7 @@ _ONE_ROW = 0.2  # of a sample: a delay this near to one sample counts as one row
 def shared_clocks(system: StateSpace, recordings: Sequence[Recording]) -> dict[str, str]:
     """By input the first that the logs stamp together with it, where that is another.
 
-    The commands of one row are, as are its measured inputs: sensors have delays of their own.
+    The commands of one row are, and so are its measured inputs, which come by another way.
     """
     first: dict[tuple[bool, tuple[str, ...]], str] = {}
     shared = {}
