@@ -1,5 +1,6 @@
 """`wakedeploy data`: make, import and describe episode sets."""
 
+import math
 import re
 import shlex
 import tomllib
@@ -140,13 +141,16 @@ def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
 
     parts = {split: described.part(split) for split in SPLITS}
     recordings = _recordings(described)
+    lead = described.provenance.get("default_lead_s", 0.0)  # with which it is trained, if no other
+    ahead = math.ceil(float(lead) * described.rate_hz) if isinstance(lead, float | int) else 0
+    unscored = described.warm_up_steps + ahead
     return [
         {
             "split": split,
             **recordings.get(split, {}),
             "episodes": len(part),
             "seconds": sum(map(len, part)) / described.rate_hz,
-            "scored": sum(max(0, len(e) - described.warm_up_steps) for e in part),
+            "scored": sum(max(0, len(e) - unscored) for e in part),
         }
         for split, part in parts.items()
     ]
