@@ -297,7 +297,7 @@ def test_tuned_presets_are_looked_up_by_the_sets_domain(
     assert "No tuned preset of gru ships for echo sets; find one with" in one_line(none)
     (tmp_path / "echo").mkdir()
     (tmp_path / "echo/gru.toml").write_text(PRESET)
-    monkeypatch.setattr("trainers.preset.shipped_preset.__defaults__", (tmp_path,))
+    monkeypatch.setattr("trainers.preset.SHIPPED", tmp_path)
     found = wakedeploy("train", *asked)
     assert found.exit_code == 0, found.output
     config = json.loads((tmp_path / "runs/echo/gru/s0/config.json").read_text())
@@ -311,7 +311,7 @@ def test_a_tuned_preset_of_the_papers_shape_says_so_and_nothing_else(
     study = '[study]\nships = "reference"\ntrials = 20\nlead_s = 0.3\ndata_sha256 = "of another"\n'
     text = 'format = 1\narch = "agile-mlp"\n[hyper]\n[settings]\n' + study
     (tmp_path / "echo/agile-mlp.toml").write_text(text)
-    monkeypatch.setattr("trainers.preset.shipped_preset.__defaults__", (tmp_path,))
+    monkeypatch.setattr("trainers.preset.SHIPPED", tmp_path)
     asked = ("--data", data, "--arch", "agile-mlp", "--epochs", 1, "--preset", "tuned")
     told = wakedeploy("train", *asked, "--out", tmp_path / "runs")
     assert told.exit_code == 0, told.output

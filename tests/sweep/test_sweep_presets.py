@@ -25,7 +25,7 @@ def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A tuned preset of the GRU ships for the small set's domain."""
     (tmp_path / "presets/toy").mkdir(parents=True)
     (tmp_path / "presets/toy/gru.toml").write_text(TUNED)
-    monkeypatch.setattr("trainers.preset.shipped_preset.__defaults__", (tmp_path / "presets",))
+    monkeypatch.setattr("trainers.preset.SHIPPED", tmp_path / "presets")
 
 
 def test_the_tuned_are_trained_beside_the_reference(
