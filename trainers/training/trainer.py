@@ -85,7 +85,6 @@ def configure(
     further than the set's window, its warm-up lasts until its memory is full.
     """
     _require_moving_forces(data)
-    _require_apart(data)
     _require_usual_scale(data)
     unknown = set(present_only) - {c.name for c in data.observation}
     if unknown:
@@ -219,10 +218,11 @@ def tapes(data: EpisodeSet, lead_s: float, warm_up: int | None = None) -> tuple[
 
 
 def require_enough(data: EpisodeSet, lead_s: float, warm_up: int | None = None) -> None:
-    """UnusableInput where a split of the set has nothing left after warm-up and lead.
+    """UnusableInput where a split has nothing left after warm-up and lead, or another's episode.
 
     The warm-up is in samples, None: the set's.
     """
+    _require_apart(data)
     steps = data.warm_up_steps if warm_up is None else warm_up
     for split in SPLITS:
         lay_tape(data, split, lead_s, steps)

@@ -27,7 +27,7 @@ from trainers.training.runs import (
     write_tensors,
 )
 from trainers.training.score import score
-from trainers.training.trainer import chosen_lead_s, configure, settings_for, train
+from trainers.training.trainer import chosen_lead_s, configure, require_enough, settings_for, train
 from wakedeploy.core.episodes import Channel, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 
@@ -104,7 +104,7 @@ def test_a_copy_of_a_training_episode_is_no_test_of_it(echo: EpisodeSet, split: 
     episodes = tuple(copied if e.name == copied.name else e for e in echo.episodes)
     says = f"the {split} episode {copied.name} is the train episode {learned.name}, sample by"
     with pytest.raises(UnusableInput, match=says):
-        configure(dataclasses.replace(echo, episodes=episodes), "gru", seed=0, lead_s=0.0)
+        require_enough(dataclasses.replace(echo, episodes=episodes), lead_s=0.0)
 
 
 def scaled(data: EpisodeSet, kind: str, factor: float) -> EpisodeSet:
