@@ -15,7 +15,7 @@ FEW = 100
 def few_samples(counts: Mapping[str, int]) -> str | None:
     """A warning for splits with fewer than `FEW` scored samples, by the name of each; else None.
 
-    A split without any is none of its matter: what is to be scored refuses it.
+    A split without any is left out: what is to be scored refuses it.
     """
     few = [f"{count} {split}" for split, count in counts.items() if 0 < count < FEW]
     if not few:

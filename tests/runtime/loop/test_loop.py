@@ -405,6 +405,16 @@ def test_how_a_flight_ended_is_in_its_tally():
         fly(World(), during=at_tick(12, drop))
     assert ended[0].tally.ended == "stopped by hand, and its motors switched off at once"
 
+    def cut_then_dropped(loop, ticks):
+        if ticks == 12:
+            mute(loop)
+        if "link_lost" in loop.failsafe_cause:
+            drop(loop)
+
+    with pytest.raises(KeyboardInterrupt):
+        fly(World(), during=cut_then_dropped)
+    assert ended[-1].tally.ended == "failsafe: link_lost"  # nobody could switch them off
+
     def break_off(loop):
         raise RuntimeError("a bug")
 

@@ -10,6 +10,7 @@ from wakedeploy import Constant, Input, Output, Port, Recording, System
 from wakedeploy.domains.tables.columns import parse_columns
 from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.systems.answers.folder import OwnFolder
 from wakedeploy.gap.systems.correction import Correction, correction_of
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
@@ -29,20 +30,27 @@ class Raft(System):
     states: ClassVar = {"speed_mps": "m/s"}
     outputs: ClassVar = [Output("speed_mps", "m/s", noise=2e-3)]
     constants: ClassVar = [Constant("mass_kg", 0.5, 0.02), Constant("drag", 4.0, 0.2, "N s/m")]
-    ports: ClassVar = [Port.force("speed_mps", inertia="mass_kg"), Port.input("both_n")]
+    ports: ClassVar = [
+        Port.force("speed_mps", inertia="mass_kg"),
+        Port.input("both_n"),
+        Port.input("left_n"),
+    ]
 
     def derivative(self, state, inputs, c):
         force = inputs.both_n + inputs.wind_n - c.drag * state.speed_mps
         return {"speed_mps": force / c.mass_kg}
 
 
-def raft(late, clocks=None, samples=600):
-    """It, with commands that act by a part of a sample after their rows."""
+def raft(late, clocks=None, samples=600, left_later=0.0):
+    """It, with commands that act by a part of a sample after their rows, the left one by more."""
     rng = np.random.default_rng(3)
     left, right, wind = (np.repeat(rng.standard_normal(samples // 3), 3) for _ in range(3))
     finely = [np.repeat(row, FINE) for row in (left, right, wind)]
-    shift = round(FINE * late)
-    acting = [np.concatenate([np.full(shift, row[0]), row])[: len(row)] for row in finely[:2]]
+    shifts = round(FINE * (late + left_later)), round(FINE * late)
+    acting = [
+        np.concatenate([np.full(shift, row[0]), row])[: len(row)]
+        for shift, row in zip(shifts, finely, strict=False)
+    ]
     speed, shown = 0.0, np.zeros(samples)
     kept = np.exp(-4.0 / 0.5 / RATE_HZ / FINE)
     for k in range(samples * FINE):
@@ -106,9 +114,18 @@ def test_a_correction_shifts_each_input_by_its_own_number_whatever_log_is_replay
 
 
 def test_a_named_delay_is_not_told_once_more_as_the_shift_of_its_row() -> None:
-    model = LogModel(Raft(), [raft(0.4)])
-    found = fit(model, ("dead-time@both_n",), range(model.episodes))
-    assert not model.shifted_inputs(found)
+    model = LogModel(Raft(), [raft(0.4, left_later=2.0)])
+    found = fit(model, ("dead-time@left_n",), range(model.episodes))
+    late = found.value("dead-time@left_n.delay_s") + found.value("clock.left_n")
+    assert late == pytest.approx(2.4 / RATE_HZ, abs=0.05 / RATE_HZ)
+    assert set(model.shifted_inputs(found)) == {"right_n"}
+
+
+def test_a_folder_of_logs_with_other_clocks_is_another_one_s(tmp_path: Path) -> None:
+    apart = {"left_n": "a", "right_n": "b", "wind_n": "a"}
+    one, two = (LogModel(Raft(), [raft(0.0, clocks)]) for clocks in ({}, apart))
+    assert OwnFolder(one, tmp_path).key != OwnFolder(two, tmp_path).key
+    assert OwnFolder(one, tmp_path).key == OwnFolder(LogModel(Raft(), [raft(0.0)]), tmp_path).key
 
 
 def test_a_table_s_rows_say_which_columns_share_a_clock(tmp_path: Path) -> None:
