@@ -185,6 +185,26 @@ def test_an_input_that_is_known_to_act_later_does():
                  [Recording("log", time_s, columns)])  # fmt: skip
 
 
+@pytest.mark.parametrize("name", ["rates", "values", "name", "_probed"])
+def test_a_name_that_the_library_uses_is_not_hidden(name):
+    """Also where a class between has it: the library would call the user's own."""
+    hiding = type("Helper", (Axis,), {name: lambda self, *others: {}})
+    said = f"Helper.{name}: the library has `{name}` .* as `my_{name.lstrip('_')}`"
+    with pytest.raises(UnusableInput, match=said):
+        checked(type("Axis", (hiding,), {})())
+
+
+def test_names_that_are_the_user_s_own_are(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(
+        "from wakedeploy import Output, System\n\n\nclass Own(System):\n    rate_hz = 10.0\n"
+        "    inputs = []\n    states = {'x_m': 'm'}\n    outputs = [Output('x_m', 'm')]\n"
+        "    gain = 2.0\n\n    def _rate(self, state):\n        return -self.gain * state.x_m\n\n"
+        "    def derivative(self, state, inputs, c):\n        return {'x_m': self._rate(state)}\n"
+    )
+    assert read_system(path).name == "Own"
+
+
 @pytest.mark.parametrize(
     ("returned", "said"),
     [(None, "returned None; return a list of sentences"), ([1], "return a list of sentences")],

@@ -45,6 +45,10 @@ MOST_STEPS = 64
 _WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
 _POINTS = 20  # at which a constant is tried on either side of 0
 _FAR = 4.0  # spreads from its value: bounds of a constant whose spread lets it turn
+# What a class states or may write anew; every other name of `StateSpace` is the library's own.
+_FUNCTIONS = ("derivative", "derivative_under", "step", "measure", "start")
+_OVERRIDDEN = ("geometric", "log_notes", "export")
+_OPEN = {*StateSpace.__annotations__, *_FUNCTIONS, *_OVERRIDDEN} - {"correction"}
 
 
 def checked(system: _System) -> _System:
@@ -56,6 +60,7 @@ def checked(system: _System) -> _System:
     Raises UnusableInput by name and in one sentence for what is missing, unknown, of the wrong
     shape or not finite.
     """
+    _check_hidden_names(system)
     _check_statements(system)
     _check_ports(system)
     _check_functions(system)
@@ -96,6 +101,19 @@ def _unborne(system: _System, c: Constant) -> str:
             if np.any(usual & ~is_number(system, method, tried, {c.name: value})):
                 return f"{function_name(system, method)} gives no number where it is {value:.3g}"
     return ""
+
+
+def _check_hidden_names(system: StateSpace) -> None:
+    """UnusableInput where the user's class, or what else it derives from, hides the library's."""
+    kinds = type(system).__mro__
+    library = [kind for kind in kinds if kind.__module__.partition(".")[0] == "wakedeploy"]
+    taken = {name for kind in library for name in vars(kind) if not name.startswith("__")} - _OPEN
+    for kind in set(kinds) - {*library, object}:
+        for name in sorted(taken & vars(kind).keys()):
+            raise UnusableInput(
+                f"{kind.__name__}.{name}: the library has `{name}` for its own use, and would get "
+                f"yours. Call it otherwise, as `my_{name.lstrip('_')}`."
+            )
 
 
 def _check_statements(system: StateSpace) -> None:
