@@ -26,7 +26,7 @@ _FROM = {
     "Channel": "wakedeploy.core.episodes",
     "train": "wakedeploy.api.training",
     "Runs": "wakedeploy.api.training",
-    "evaluate": "wakedeploy.api.training",
+    "evaluate": "wakedeploy.api.evaluation",
     "Scores": "wakedeploy.api.scores",
     "tune": "wakedeploy.api.tuning",
     "Tuned": "wakedeploy.api.tuning",

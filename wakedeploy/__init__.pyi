@@ -1,3 +1,4 @@
+from wakedeploy.api.evaluation import evaluate as evaluate
 from wakedeploy.api.flights import Flight as Flight
 from wakedeploy.api.flights import Flights as Flights
 from wakedeploy.api.flights import fly as fly
@@ -13,7 +14,6 @@ from wakedeploy.api.scores import Scores as Scores
 from wakedeploy.api.sets import import_set as import_set
 from wakedeploy.api.sets import make_set as make_set
 from wakedeploy.api.training import Runs as Runs
-from wakedeploy.api.training import evaluate as evaluate
 from wakedeploy.api.training import train as train
 from wakedeploy.api.tuning import Tuned as Tuned
 from wakedeploy.api.tuning import tune as tune

@@ -24,7 +24,7 @@ from trainers.trained_run import TrainedRun, load_run
 from trainers.training.fit import FitSettings
 from trainers.training.runs import BEST, CONFIG, LAST, METRICS, read_config, runs_of
 from trainers.training.trainer import chosen_lead_s, configure, train
-from wakedeploy.api.scores import ScoreRow, score_row
+from wakedeploy.api.scores import ScoreRow, about_run, score_row
 from wakedeploy.cli import data as data_command
 from wakedeploy.core.episodes import (
     DESCRIPTION,
@@ -132,7 +132,8 @@ def _row(run: TrainedRun) -> ScoreRow:
     """A run's scores as `train` prints them."""
     tested = run.metrics.test
     episodes = run.metrics.test_episodes
-    return score_row(run, "test", (tested.rmse, tested.r2, episodes), run.metrics.seconds)
+    found = (tested.rmse, tested.r2, episodes)
+    return score_row(about_run(run), "test", found, run.metrics.seconds)
 
 
 def mend_set(draw: random.Random, files: dict[str, bytes], folder: str = "") -> None:

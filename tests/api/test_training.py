@@ -248,11 +248,41 @@ def test_an_exported_run_becomes_c_beside_its_package(runs: wd.Runs, session: Pa
     (episode,) = data.part("test")
     told = wd.load(file).predict(episode.observation)
     np.testing.assert_allclose(made.predict(episode.observation), told, rtol=1e-4, atol=1e-6)
+    (row,) = wd.evaluate(session / "c", data).rows
+    assert row.rmse["f_n"] == pytest.approx(wd.evaluate(file, data).rows[0].rmse["f_n"], 1e-4)
 
 
 def test_of_several_runs_one_is_exported(runs: wd.Runs) -> None:
     with pytest.raises(wd.UnusableInput, match=r'2 runs were trained; .* runs\["history-mlp"\]'):
         wd.export(runs, data=echo())
+
+
+@pytest.mark.filterwarnings("ignore:.*were learned from")
+def test_packages_are_scored_as_they_predict(runs: wd.Runs, session: Path) -> None:
+    data, folder = echo(), session / "packages"
+    made = [wd.export(run, folder / f"{run.config.arch}.onnx", data=data) for run in runs]
+    scores = wd.evaluate(folder, data, "all")
+    assert scores.to_pandas()["arch"].tolist() == ["history-mlp", "gru"]
+    assert wd.evaluate(made, data, "all").rows[1].rmse == scores.rows[1].rmse
+    late = max(data.warm_up_steps, *(run.config.warm_up_steps for run in runs))
+    for row, package, run in zip(scores.rows, made, runs, strict=True):
+        off = [(package.predict(e.observation) - e.force)[late:] for e in data.episodes]
+        assert row.rmse["f_n"] == pytest.approx(np.sqrt(np.mean(np.concatenate(off) ** 2)), 1e-5)
+        assert [e.samples for e in row.episodes] == [len(part) for part in off]
+        assert row.rmse["f_n"] == pytest.approx(wd.evaluate(run, data, "all").rows[0].rmse["f_n"])
+        assert (row.run, row.device, row.seed) == (str(package.path), None, run.config.seed)
+
+
+def test_a_package_says_what_it_learned_from_and_what_it_cannot_read(
+    runs: wd.Runs, session: Path
+) -> None:
+    data = echo()
+    package = wd.export(runs["history-mlp"], session / "said.onnx", data=data)
+    with pytest.warns(UserWarning, match=r"episodes scored, such as \w+, were learned from"):
+        wd.evaluate(package, data, "all")
+    slower = dataclasses.replace(data, rate_hz=data.rate_hz / 2)
+    with pytest.raises(wd.UnusableInput, match=r"said\.onnx cannot be evaluated on this echo set"):
+        wd.evaluate(package.path, slower)
 
 
 def test_what_is_no_run_is_not_evaluated(runs: wd.Runs) -> None:

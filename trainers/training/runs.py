@@ -173,8 +173,7 @@ def finished_runs(root: Path) -> list[Path]:
     folders = [folder for folder in folders if (folder / CONFIG).is_file()]
     if root.suffix == ".onnx" and root.is_file():
         raise UnusableInput(
-            f"{root} is a package, and no folder of runs; give the runs that it was exported from, "
-            "or score it in Python, by wd.load(…).predict(…)."
+            f"{root} is a package, and no folder of runs; give the runs that it was exported from."
         )
     if not folders:
         raise UnusableInput(f"{root} holds no finished run; make one with `wakedeploy train`.")

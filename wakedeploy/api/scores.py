@@ -22,14 +22,11 @@ Found = tuple[
 
 
 @dataclass(frozen=True)
-class ScoreRow:
-    """The errors of one run on one split, as `train --json` and `evaluate --json` write them.
+class About:
+    """What is known of a run, or of a package that was exported from one, without any error.
 
-    `rmse` is in each force channel's unit, `r2` None where the force never changes; both are pooled
-    over the split. `episodes` has the errors in each episode: its name, the samples that were
-    scored, `rmse`, and `relative`, which is rmse by that of predicting zero there. `run` is the
-    run's folder, `lead_s` how far ahead it predicts [s], `seconds` what training or scoring took,
-    `device` where it was trained.
+    `run` is the run's folder or the package's file, `lead_s` how far ahead it predicts [s],
+    `device` where it was trained. A package knows neither its settings nor its device.
     """
 
     run: str
@@ -42,12 +39,24 @@ class ScoreRow:
     data_sha256: str
     trainable: int
     frozen: int
+    device: str | None
+
+
+@dataclass(frozen=True)
+class ScoreRow(About):
+    """The errors of one run on one split, as `train --json` and `evaluate --json` write them.
+
+    `rmse` is in each force channel's unit, `r2` None where the force never changes; both are pooled
+    over the split. `episodes` has the errors in each episode: its name, the samples that were
+    scored, `rmse`, and `relative`, which is rmse by that of predicting zero there. `seconds` is
+    what training or scoring took.
+    """
+
     split: str
     rmse: dict[str, float]
     r2: dict[str, float | None]
     episodes: "tuple[EpisodeScore, ...]"
     seconds: float
-    device: str
 
     def as_json(self) -> dict[str, Any]:
         """The row as a plain dictionary."""
@@ -60,15 +69,9 @@ class ScoreRow:
         return {"lead_s": self.lead_s, **self.settings, **self.hyper, **kept}
 
 
-def score_row(
-    run: "TrainedRun",
-    split: str,
-    found: Found,
-    seconds: float,
-) -> ScoreRow:
-    """The row of a run: its errors on a split, and what it was trained with."""
-    rmse, r2, episodes = found
-    return ScoreRow(
+def about_run(run: "TrainedRun") -> About:
+    """What a finished run was trained with."""
+    return About(
         run=str(run.folder),
         arch=run.config.arch,
         seed=run.config.seed,
@@ -79,12 +82,20 @@ def score_row(
         data_sha256=run.config.data_sha256,
         trainable=run.metrics.trainable,
         frozen=run.metrics.frozen,
+        device=run.metrics.device,
+    )
+
+
+def score_row(about: About, split: str, found: Found, seconds: float) -> ScoreRow:
+    """The row of a run or a package: its errors on a split, and what is known of it."""
+    rmse, r2, episodes = found
+    return ScoreRow(
+        **vars(about),
         split=split,
         rmse=dict(rmse),
         r2=dict(r2),
         episodes=tuple(episodes),
         seconds=round(seconds, 3),
-        device=run.metrics.device,
     )
 
 

@@ -1,8 +1,6 @@
-"""Train predictors on a set of episodes, and score finished runs on any set that fits them."""
+"""Train predictors on a set of episodes, and score them on its test episodes."""
 
 import functools
-import os
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -11,9 +9,9 @@ from typing import TYPE_CHECKING, Any, overload
 
 from wakedeploy.api.arguments import MOST_PROCESSES, MOST_SEEDS, in_python, real, whole, words
 from wakedeploy.api.inputs import PathLike, episode_set
-from wakedeploy.api.scores import ScoreRow, Scores, Shown, score_row
+from wakedeploy.api.scores import ScoreRow, Scores, Shown, about_run, score_row
 from wakedeploy.core.caller import Warn, warn_caller
-from wakedeploy.core.errors import CheckFailed, OutOfRange, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.few_samples import few_samples
 from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
     from trainers.trained_run import TrainedRun
     from trainers.training.runs import RunConfig
     from trainers.training.score import Score
-    from wakedeploy.core.episodes import Episode, EpisodeSet
+    from wakedeploy.core.episodes import EpisodeSet
 
 
 class Runs(Sequence["TrainedRun"]):
@@ -172,60 +170,6 @@ def train(
         rows = tuple(_test_row(run, data, warm_up) for run in runs)
         scores = Scores(rows, {lead_s: beside(warm_up)}, runs[0].config.force, "test")
         return Runs(runs, Path(out), scores)
-
-
-@in_python
-def evaluate(
-    runs: "Runs | TrainedRun | Sequence[TrainedRun] | PathLike",
-    data: "EpisodeSet | PathLike",
-    split: str = "test",
-    *,
-    progress: Progress = quiet,
-    warn: Warn = warn_caller,
-) -> Scores:
-    """Score finished runs on the episodes of a set.
-
-    Every run is asked for the force (T, o) at its own lead [s]; all are scored on the same samples,
-    after one common warm-up.
-
-    Args:
-        runs: What `train` returned, one run of it, or a folder: every finished run below counts.
-        data: A set, or the folder of one; its channels and rate have to be the runs'.
-        split: "train", "validation", "test" or "all".
-        progress: Called with a stage, the runs done and their number.
-        warn: Called with a sentence about runs in a folder that do not fit the set, about episodes
-            that they learned from, and about channels that have other values than in training.
-            Default: Python's warnings, the last by `wd.OutOfRange`.
-
-    Returns:
-        RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
-        the error of each run in each episode, and that of baselines. Those that learn stand beside
-        runs that were trained on this very set.
-
-    Raises:
-        UnusableInput: There is no finished run, none fits the set, or the split has no episode that
-            is long enough.
-    """
-    place = data
-    data = episode_set(data)
-    trained = _trained_runs(runs, data, place, progress, warn)
-    _warn_of_ranges(trained, data, split, warn)
-    _warn_of_learned(trained, data, split, warn)
-    warm_up = max(data.warm_up_steps, *(_warm_up_steps(run) for run in trained))
-    rows = []
-    for number, run in enumerate(trained, 1):
-        rows.append(_evaluated(run, data, split, warm_up))
-        progress("Evaluating", number, len(trained))
-    from trainers.training.baselines import baselines
-
-    # Forces at different times do not compare, so that each lead has its own. What runs have not
-    # learned from teaches no baseline either: of other recordings it would know more than they do.
-    fitted = all(run.config.data_sha256 == data.sha256 for run in trained)
-    leads = sorted({run.config.lead_s for run in trained})
-    beside = {s: baselines(data, split, s, warm_up, fitted=fitted) for s in leads}
-    if sentence := few_samples({split: min(each["zero"].samples for each in beside.values())}):
-        warn(sentence)
-    return Scores(tuple(rows), beside, trained[0].config.force, split)
 
 
 # --- what is trained ----------------------------------------------------------------------------
@@ -436,159 +380,4 @@ def _test_row(run: "TrainedRun", data: "EpisodeSet", warm_up: int) -> ScoreRow:
     if warm_up != run.config.warm_up_steps:
         later = score(run.predictor, data, "test", run.config.lead_s, warm_up)
         found = (later.rmse, later.r2, later.episodes)
-    return score_row(run, "test", found, recorded.seconds)
-
-
-# --- scoring ------------------------------------------------------------------------------------
-
-
-def _trained_runs(
-    runs: "Runs | TrainedRun | Sequence[TrainedRun] | PathLike",
-    data: "EpisodeSet",
-    place: object,
-    progress: Progress,
-    warn: Warn,
-) -> "list[TrainedRun]":
-    """The runs to score, in the order of the paper's table."""
-    from trainers.trained_run import TrainedRun, load_run
-    from trainers.training.runs import finished_runs
-
-    if isinstance(runs, TrainedRun):
-        runs = [runs]
-    _require_runs(runs)
-    if isinstance(runs, Sequence) and not isinstance(runs, str):
-        trained = list(runs)
-        for run in trained:
-            if why := misfit(run.config, data):
-                raise UnusableInput(
-                    f"{run.folder} cannot be evaluated on {_place_text(place)}: {why}."
-                )
-    else:
-        folders = _that_fit(finished_runs(Path(runs)), data, place, warn)
-        trained = []
-        for number, folder in enumerate(folders, 1):
-            trained.append(load_run(folder))
-            progress("Reading the runs", number, len(folders))
-    return sorted(trained, key=_place_in_table)
-
-
-def _require_runs(runs: object) -> None:
-    """UnusableInput for what is neither a run, nor some, nor a folder of them."""
-    from trainers.trained_run import TrainedRun
-
-    if isinstance(runs, str | os.PathLike):
-        return
-    several = list(runs) if isinstance(runs, Sequence) else [runs]
-    strange = next((each for each in several if not isinstance(each, TrainedRun)), None)
-    if strange is not None:
-        raise UnusableInput(
-            f"A {type(strange).__name__} cannot be evaluated; give what train returned, a run of"
-            " it, or a folder of runs."
-        )
-    if not several:
-        raise UnusableInput("There is no run to evaluate; give what train returned, or a folder.")
-
-
-def _place_text(place: object) -> str:
-    return f"this {place.domain} set" if hasattr(place, "domain") else str(place)
-
-
-def _that_fit(folders: list[Path], data: "EpisodeSet", place: object, warn: Warn) -> list[Path]:
-    """The runs whose channels and rate are the set's; warns of how many others there are."""
-    from trainers.training.runs import read_config
-
-    misfits = {folder: misfit(read_config(folder), data) for folder in folders}
-    fitting = [folder for folder in folders if misfits[folder] is None]
-    first, why = next(((f, w) for f, w in misfits.items() if w is not None), (None, None))
-    if not fitting:
-        raise UnusableInput(f"{first} cannot be evaluated on {_place_text(place)}: {why}.")
-    if first is not None:
-        others = len(folders) - len(fitting)
-        warn(f"Left out {others} runs that do not fit the set; {first}: {why}.")
-    return fitting
-
-
-def misfit(config: "RunConfig", data: "EpisodeSet") -> str | None:
-    """What keeps a run from reading a set, in words; None when nothing does."""
-    for kind, wanted, there in (
-        ("observation", config.observation, data.observation),
-        ("force", config.force, data.force),
-    ):
-        names, given = [(c.name, c.unit) for c in wanted], [(c.name, c.unit) for c in there]
-        if names != given:
-            return f"its {kind} channels are {_listed(names)}, the set has {_listed(given)}"
-    if abs(config.rate_hz - data.rate_hz) > 1e-6 * config.rate_hz:
-        return f"it was trained at {config.rate_hz:g} Hz, the set is at {data.rate_hz:g} Hz"
-    return None
-
-
-def _listed(channels: list[tuple[str, str]]) -> str:
-    return ", ".join(f"{name} [{unit}]" for name, unit in channels)
-
-
-def _warn_of_ranges(
-    trained: "list[TrainedRun]", data: "EpisodeSet", split: str, warn: Warn
-) -> None:
-    """Tell once of each set that was learned from where this one has other values."""
-    import numpy as np
-
-    from wakedeploy.core.observations import out_of_range
-
-    others = {r.config.data_sha256: r for r in trained if r.config.data_sha256 != data.sha256}
-    episodes = data.part(split)
-    if not others or not episodes:  # scoring refuses a split without episodes, and says why
-        return
-    # Python's warnings are filtered by category; any other `warn` takes a sentence alone.
-    tell = functools.partial(warn_caller, category=OutOfRange) if warn is warn_caller else warn
-    seen = np.concatenate([episode.observation for episode in episodes])  # (T, d)
-    for run in others.values():
-        if sentence := out_of_range(seen, run.config.observation):
-            tell(f"{run.folder}: {sentence}")
-
-
-def _warn_of_learned(
-    trained: "list[TrainedRun]", data: "EpisodeSet", split: str, warn: Warn
-) -> None:
-    """Say where runs are scored on what they learned from, unless just that was asked for."""
-    scored = data.part(split)
-    known: set[str] = set()
-    for run in trained:
-        of_this_set = run.config.data_sha256 == data.sha256
-        if not (of_this_set and split == "train"):
-            known |= {e.name for e in scored if _learned(run, data, e, of_this_set)}
-    if known:
-        warn(
-            f"{len(known)} of the {len(scored)} episodes scored, such as {min(known)}, were learned"
-            " from: errors there say nothing of new recordings. Score by --split test"
-            ' (split="test"), or on a set that no run has seen.'
-        )
-
-
-def _learned(run: "TrainedRun", data: "EpisodeSet", episode: "Episode", of_this_set: bool) -> bool:
-    """Whether a run was trained on an episode of a set; by its split where it recorded no hash."""
-    from trainers.training.runs import SHORT_HASH
-
-    if not run.metrics.learned_from:
-        return of_this_set and data.split[episode.name] == "train"
-    return episode.sha256[:SHORT_HASH] in run.metrics.learned_from
-
-
-def _place_in_table(run: "TrainedRun") -> tuple[int, int]:
-    """Architectures in the order of Table I, then seeds."""
-    from trainers.build import ARCHITECTURES
-
-    return list(ARCHITECTURES).index(run.config.arch), run.config.seed
-
-
-def _warm_up_steps(run: "TrainedRun") -> int:
-    """When a run may be scored; the records of an earlier version may say it too early."""
-    return max(run.config.warm_up_steps, run.predictor.memory.reach)
-
-
-def _evaluated(run: "TrainedRun", data: "EpisodeSet", split: str, warm_up: int) -> ScoreRow:
-    from trainers.training.score import score
-
-    began = time.monotonic()
-    result = score(run.predictor, data, split, run.config.lead_s, warm_up)
-    found = (result.rmse, result.r2, result.episodes)
-    return score_row(run, split, found, time.monotonic() - began)
+    return score_row(about_run(run), "test", found, recorded.seconds)

@@ -1,4 +1,4 @@
-"""`wakedeploy evaluate`: errors of finished runs per output and split."""
+"""`wakedeploy evaluate`: errors of finished runs and packages per output and split."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,8 +28,9 @@ _WORST = 5  # episodes that the terminal shows
 )
 @json_option
 def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
-    """Score the finished runs at or below RUNS on the episodes of a set.
+    """Score the finished runs at or below RUNS, or a package, on the episodes of a set.
 
+    RUNS may also be a package or a folder of C, scored as it would fly, or a folder of packages.
     Every run is asked for the force at its own lead; all are scored on the same samples, after
     one common warm-up. Above them: predicting zero, and a set's observer of the sufferer's motion.
     Of runs that were trained on this set also what its training episodes tell without a network:
@@ -41,8 +42,9 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     Example:
         wakedeploy evaluate runs --data sets/gantry --split test --json table.json
         wakedeploy evaluate runs/gantry/gru/s0 --data sets/measured --split all
+        wakedeploy evaluate gru.onnx --data sets/measured --split all
     """
-    from wakedeploy.api.training import evaluate
+    from wakedeploy.api.evaluation import evaluate
 
     with stage_bars() as bars:
         scores = evaluate(runs, data, split, progress=bars, warn=warn)
