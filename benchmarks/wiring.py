@@ -201,11 +201,11 @@ def crossings(drawn: list[Wire]) -> set[tuple[Point, str]]:
     """Where a level piece of a wire crosses an upright one of another net, and the level's net."""
     pieces = [(wire.net, *piece) for wire in drawn for piece in wire.pieces]
     return {
-        ((one[0], other[1]), net)
-        for (net, other, other_end), (upright, one, one_end) in itertools.product(pieces, pieces)
-        if net != upright and other[1] == other_end[1] and one[0] == one_end[0]
-        and min(other[0], other_end[0]) < one[0] < max(other[0], other_end[0])
-        and min(one[1], one_end[1]) < other[1] < max(one[1], one_end[1])
+        ((begin[0], across[1]), net)
+        for (net, across, across_end), (upright, begin, end) in itertools.product(pieces, pieces)
+        if net != upright and across[1] == across_end[1] and begin[0] == end[0]
+        and min(across[0], across_end[0]) < begin[0] < max(across[0], across_end[0])
+        and min(begin[1], end[1]) < across[1] < max(begin[1], end[1])
     }  # fmt: skip
 
 
@@ -224,8 +224,8 @@ def junctions(drawn: list[Wire]) -> set[Point]:
 def lies_on(point: Point, piece: tuple[Point, Point]) -> bool:
     """Whether a point is on a straight piece, its ends included."""
     return all(
-        min(one, other) <= at <= max(one, other)
-        for at, one, other in zip(point, *piece, strict=True)
+        min(first, last) <= at <= max(first, last)
+        for at, first, last in zip(point, *piece, strict=True)
     )
 
 

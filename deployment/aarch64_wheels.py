@@ -78,7 +78,7 @@ def look(requirements: list[Requirement], python: str, constraints: Path) -> dic
             capture_output=True, text=True, check=False,
         )  # fmt: skip
         if asked.returncode == 0:
-            told = json.loads(report.read_text())["install"]
+            installed = json.loads(report.read_text())["install"]
         elif not any(words in asked.stderr for words in NO_WHEEL):
             raise SystemExit(f"pip cannot ask its index: {asked.stderr.strip()}")
         elif len(requirements) == 1:
@@ -87,11 +87,11 @@ def look(requirements: list[Requirement], python: str, constraints: Path) -> dic
             answers = [look([requirement], python, constraints) for requirement in requirements]
             return {name: answer for each in answers for name, answer in each.items()}
     return {
-        canonicalize_name(one["metadata"]["name"]): (
-            Path(one["download_info"]["url"]).name,
-            one["metadata"].get("requires_dist", []),
+        canonicalize_name(package["metadata"]["name"]): (
+            Path(package["download_info"]["url"]).name,
+            package["metadata"].get("requires_dist", []),
         )
-        for one in told
+        for package in installed
     }
 
 

@@ -75,21 +75,21 @@ def fitted(case: Case) -> dict[str, Any]:
     measured = Measured(rig, flights)
     found = rank(measured.model, measured.base, [effect])[0]
     _, fit = refitted(measured.model, found.fit)
-    told = sizes_of(fit, effect)
+    sizes = sizes_of(fit, effect)
     return {
         "case": case.name,
         "effect": effect,
         "plant": case.plant,
         "target_nats": case.nats,
         "gain_nats": found.gain_nats,
-        "parameters": {name: _row(truth[name], size) for name, size in told.items()},
+        "parameters": {name: _row(truth[name], size) for name, size in sizes.items()},
         "seconds": time.process_time() - began_s,
     }
 
 
 def _row(truth: float, size: Size) -> dict[str, Any]:
-    told = {"value": size.value, "low": size.low, "high": size.high, "unit": size.unit}
-    return {"truth": truth, **told, "held": size.low <= truth <= size.high}
+    row = {"value": size.value, "low": size.low, "high": size.high, "unit": size.unit}
+    return {"truth": truth, **row, "held": size.low <= truth <= size.high}
 
 
 def run(wanted: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:

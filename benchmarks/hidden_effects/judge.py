@@ -176,9 +176,9 @@ def _share(result: Result, floor_m: float | None) -> float | None:
 def _strength(strength: Strength, truth: Truth) -> dict[str, Any]:
     rows = []
     for effect, values in truth["effects"].items():
-        told = told_by_data(strength.fit, effect)
+        fitted = told_by_data(strength.fit, effect)
         for name, value in values.items():
-            low, high = told.interval(f"{effect}.{name}")
+            low, high = fitted.interval(f"{effect}.{name}")
             rows.append(_interval(effect, name, low, high, value))
     return {"nats": finite(strength.nats), "fitted_intervals": rows}
 

@@ -91,9 +91,11 @@ def valve(pressure: FloatArray, opened: FloatArray, share: float) -> dict[str, f
             _simulated(theta, pressure, acts, int(begin))
             for begin in at[fold[0] : fold[-1] + 1 - _AHEAD : _AHEAD]
         ]
-    one, ten = (float(np.sqrt(np.mean(np.concatenate(each) ** 2))) for each in (near, far))
-    nats = -len(at) * float(np.log(one))
-    return {"share": share, "one_ahead": one, "ten_ahead": ten, "log_density": nats}
+    next_rms, tenth_rms = (
+        float(np.sqrt(np.mean(np.concatenate(each) ** 2))) for each in (near, far)
+    )
+    nats = -len(at) * float(np.log(next_rms))
+    return {"share": share, "one_ahead": next_rms, "ten_ahead": tenth_rms, "log_density": nats}
 
 
 def _simulated(theta: FloatArray, pressure: FloatArray, acts: FloatArray, begin: int) -> FloatArray:
@@ -114,8 +116,8 @@ def _recording(name: str) -> tuple[Any, Recording]:
 def _pendulum() -> list[dict[str, float]]:
     _, log = _recording("pendulum, position control")
     given = log.time_s, log.columns["angle_rad"], log.columns["torque_nm"]
-    told = [(window_s, *friction(*given, window_s)) for window_s in WINDOWS_S]
-    return [{"window_s": w, "friction_nm": f, "error_nm": e} for w, f, e in told]
+    frictions = [(window_s, *friction(*given, window_s)) for window_s in WINDOWS_S]
+    return [{"window_s": w, "friction_nm": f, "error_nm": e} for w, f, e in frictions]
 
 
 def _tanks() -> dict[str, Any]:

@@ -191,7 +191,7 @@ class Pages:
 
     def _results(self, chapters: dict[str, str], details: dict[str, str]) -> str:
         """The first page: the figures that are asked for first, and where all others are."""
-        told = [
+        listed = [
             f"- **[{_title(text)}](results/{name})**: "
             + "; ".join(
                 f"[{_lower(title)}](results/{name}#{anchor(title)})" for title in _titles(text)
@@ -205,7 +205,7 @@ class Pages:
             "the [records](records/). No number here is written by hand.",
             readme.results(self._read()),
             "## Pages",
-            "\n".join(told),
+            "\n".join(listed),
             "## In detail",
             "\n".join(f"- [{_title(text)}](results/{name})" for name, text in details.items()),
         ]

@@ -482,4 +482,4 @@ def test_a_step_says_which_command_follows_where_one_does(
     step: str, verdict: str | None, command: str, following: str | None
 ) -> None:
     told = None if verdict is None else answer_with(verdict, {}, {})
-    assert _following(step, SimpleNamespace(told=told), command) == following
+    assert _following(step, SimpleNamespace(artefact=told), command) == following

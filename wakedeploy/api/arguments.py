@@ -75,7 +75,7 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
     known = _names(function)
 
     @functools.wraps(function)
-    def told(*args: P.args, **kwargs: P.kwargs) -> R:
+    def named(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
             return function(*args, **kwargs)
         except WakedeployError as error:
@@ -83,7 +83,7 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
                 error.args = (_reworded(str(error), known), *error.args[1:])
             raise
 
-    return told
+    return named
 
 
 def _names(function: Callable[..., object]) -> set[str]:

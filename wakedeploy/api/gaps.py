@@ -340,8 +340,8 @@ def _ranking(gap: Gap) -> dict[str, list[Any]]:
 
 def _several(measured: Any) -> list[Any]:
     """What was measured, one or more."""
-    one = isinstance(measured, (str, os.PathLike, Flight, Recording))
-    return [measured] if one else list(measured)
+    is_single = isinstance(measured, (str, os.PathLike, Flight, Recording))
+    return [measured] if is_single else list(measured)
 
 
 def _logs_of_system(measured: Any) -> "list[Recording | PathLike]":

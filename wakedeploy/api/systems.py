@@ -48,7 +48,7 @@ Measured = Sequence[Recording | PathLike]
 class Taken:
     """A step that was taken: what it said, files beside it, and the commands that may follow."""
 
-    told: Artefact
+    artefact: Artefact
     exported: tuple[str, ...] = ()
     next: tuple[str, ...] = ()
 

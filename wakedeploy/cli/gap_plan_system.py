@@ -97,9 +97,9 @@ def run_power(
         )
     if out is not None:
         rows = [{k: _finite(v) for k, v in vars(e).items()} for e in detectable.effects]
-        told = {"threshold_nats": detectable.threshold_nats, "effects": rows}
-        told |= {"beside": list(base.hypothesis), "missing": detectable.missing}
-        write_json(out / "power.json", told)
+        written = {"threshold_nats": detectable.threshold_nats, "effects": rows}
+        written |= {"beside": list(base.hypothesis), "missing": detectable.missing}
+        write_json(out / "power.json", written)
         click.echo(f"Written: {out / 'power.json'}")
 
 

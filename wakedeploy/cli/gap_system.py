@@ -114,7 +114,7 @@ def check(
         "Could these logs show it? No ranking, no answer: what each would move, in standard "
         "deviations of the prediction errors",
         ["constant or effect", "moves", "others free", "looks like"],
-        [[r.name, _share(r.moved), _share(r.left), ", ".join(r.like)] for r in sensitivities],
+        [[r.name, _share(r.moved), _share(r.remaining), ", ".join(r.like)] for r in sensitivities],
     )
     write_json(json_path, {"rows": [vars(r) for r in sensitivities], "notes": notes})
 
@@ -206,14 +206,14 @@ def run_steps(
     _tell(taken, out, only, is_added=step not in ("find", "name"))
     if (command := _following(step, taken, same_command())) is not None:
         click.echo(f"Next: {command}")
-    write_json(json_path, taken.told.as_json())
+    write_json(json_path, taken.artefact.as_json())
 
 
 def _following(step: str, taken: "Taken", command: str) -> str | None:
     """The same command for the step that comes next; None where another than that is to be done."""
     from wakedeploy.gap.search.artefacts import Answer
 
-    is_named = isinstance(taken.told, Answer) and taken.told.verdict == "named"
+    is_named = isinstance(taken.artefact, Answer) and taken.artefact.verdict == "named"
     later = "name" if step == "find" else "add" if step == "name" and is_named else ""
     if not later or f" gap {step} " not in command:
         return None
@@ -231,7 +231,7 @@ def _tell(taken: "Taken", out: Path, only: tuple[str, ...], *, is_added: bool) -
     from wakedeploy.gap.systems.answers.folder import correction_told, planned_in
     from wakedeploy.gap.systems.answers.words import added_sentences, sentences
 
-    artefact = taken.told
+    artefact = taken.artefact
     planned = planned_in(out, artefact) if isinstance(artefact, Result) else None
     said = added_sentences(artefact, only) if only else sentences(artefact, planned)
     for sentence in said:

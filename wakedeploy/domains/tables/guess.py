@@ -343,11 +343,11 @@ def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
     return UnusableInput(f"{path}: holds no column of numbers: {unread.name} {unread.unread}.")
 
 
-def _differs(one: Timing, other: Timing) -> bool:
+def _differs(timing: Timing, other: Timing) -> bool:
     """Whether two files of a folder have clocks that do not say the same."""
-    if one.stamps_s is None or other.stamps_s is None:
+    if timing.stamps_s is None or other.stamps_s is None:
         return False
-    return not np.array_equal(one.stamps_s, other.stamps_s)
+    return not np.array_equal(timing.stamps_s, other.stamps_s)
 
 
 def _seen(name: str, log: Log, asked: Sequence[Asked]) -> _File:
@@ -532,8 +532,8 @@ def _place(file: _File, base: Timing, name: str) -> Iterator[str]:
 
 def _doubt(file: _File, name: str) -> str:
     """A mark where the file's first clock is as long as a column's own."""
-    own, first = file.timing_of(name).stamps_s, file.timing.stamps_s
-    if name not in file.clocks or own is None or first is None or len(own) != len(first):
+    stamps, first = file.timing_of(name).stamps_s, file.timing.stamps_s
+    if name not in file.clocks or stamps is None or first is None or len(stamps) != len(first):
         return ""
     return "  # ? by its name"
 

@@ -121,10 +121,10 @@ def _rank(asked: Asked, column: str, unit: str | None) -> int | None:
     names = {column, column.rpartition("/")[2]}
     if asked.name in names:
         return 0
-    own, ranks = _words(asked.name, asked.unit), list[int]()
+    wanted, ranks = _words(asked.name, asked.unit), list[int]()
     for words in (_words(name, unit) for name in names):
-        both = asked.role == "input" and own & _WANTED and words & _WANTED
-        pairs = [(own, words), *([(own - _WANTED, words - _WANTED)] if both else [])]
+        both = asked.role == "input" and wanted & _WANTED and words & _WANTED
+        pairs = [(wanted, words), *([(wanted - _WANTED, words - _WANTED)] if both else [])]
         for place, (ours, theirs) in enumerate(pairs):
             apart = _apart(ours, theirs)
             if apart is not None and all(_says_nothing(word, asked) for word in apart):
@@ -134,10 +134,10 @@ def _rank(asked: Asked, column: str, unit: str | None) -> int | None:
 
 def _apart(words: frozenset[str], others: frozenset[str]) -> frozenset[str] | None:
     """The words that one of two names has more; None where none is in both, or each has more."""
-    own = {w for w in words if not any(_is_one(w, other) for other in others)}
+    extra = {w for w in words if not any(_is_one(w, other) for other in others)}
     foreign = {other for other in others if not any(_is_one(w, other) for w in words)}
-    is_apart = len(own) == len(words) or (own and foreign)
-    return None if is_apart else frozenset(own | foreign)
+    is_apart = len(extra) == len(words) or (extra and foreign)
+    return None if is_apart else frozenset(extra | foreign)
 
 
 def _is_one(word: str, other: str) -> bool:
@@ -161,8 +161,8 @@ def _alone_in_unit(
     """
     if _fits(each.unit, "1") or sum(_fits(other.unit, each.unit) for other in asked) > 1:
         return None
-    own = _words(each.name, each.unit)
-    if any(unit is None and own & _words(p[1], None) for p, unit in columns.items()):
+    wanted = _words(each.name, each.unit)
+    if any(unit is None and wanted & _words(p[1], None) for p, unit in columns.items()):
         return None
     places = [p for p, unit in columns.items() if unit is not None and _fits(unit, each.unit)]
     if len(places) != 1 or (each.role == "output" and _words(places[0][1], None) & _MEANT):
@@ -172,13 +172,13 @@ def _alone_in_unit(
 
 def _alike(each: Asked, columns: Mapping[Place, str | None]) -> list[Place]:
     """Columns in such a unit whose names have all that the wanted one says, among other words."""
-    own = {word for word in _words(each.name, each.unit) if not _says_nothing(word, each)}
+    wanted = {word for word in _words(each.name, each.unit) if not _says_nothing(word, each)}
     found = []
     for place, unit in columns.items():
-        if own and unit is not None and _fits(unit, each.unit):
+        if wanted and unit is not None and _fits(unit, each.unit):
             words = _words(place[1], unit)
-            is_meant = each.role == "output" and words & _MEANT - own
-            if not is_meant and all(any(_is_one(w, other) for other in words) for w in own):
+            is_meant = each.role == "output" and words & _MEANT - wanted
+            if not is_meant and all(any(_is_one(w, other) for other in words) for w in wanted):
                 found.append(place)
     return found
 

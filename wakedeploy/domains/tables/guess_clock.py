@@ -284,8 +284,8 @@ def _is_of_a_column(field: Field, fields: Sequence[Field]) -> bool:
     """Whether a name is that of another column's clock: `t_cmd` beside `cmd`."""
     if not _is_like_time(field):
         return False
-    own, others = words_of(_bare(field)), (f for f in fields if not _is_like_time(f))
-    return any(own & words_of(_bare(other)) for other in others)
+    said, others = words_of(_bare(field)), (f for f in fields if not _is_like_time(f))
+    return any(said & words_of(_bare(other)) for other in others)
 
 
 def words_of(address: str) -> set[str]:

@@ -299,23 +299,23 @@ def told_by_data(fitted: Fit, effect: str) -> Fit:
     return replace(fitted, theta=theta, free=free, summits=summits)
 
 
-def _information(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> FloatArray:
+def _information(total: FloatArray, asked: Sequence[int], prior_sd: Sequence[float]) -> FloatArray:
     """The data's information on parameters (k, k), all else following, in units of the priors'."""
-    rest = [i for i in range(len(total)) if i not in own]
-    follow = np.array([solved(total[np.ix_(rest, rest)], total[rest, i]) for i in own])
-    left = total[np.ix_(own, own)] - total[np.ix_(own, rest)] @ follow.T
+    rest = [i for i in range(len(total)) if i not in asked]
+    follow = np.array([solved(total[np.ix_(rest, rest)], total[rest, i]) for i in asked])
+    remaining = total[np.ix_(asked, asked)] - total[np.ix_(asked, rest)] @ follow.T
     sd = np.asarray(prior_sd)
-    return np.asarray(left * sd[:, None] * sd[None, :] - np.eye(len(own)))
+    return np.asarray(remaining * sd[:, None] * sd[None, :] - np.eye(len(asked)))
 
 
-def _is_told(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> bool:
+def _is_told(total: FloatArray, asked: Sequence[int], prior_sd: Sequence[float]) -> bool:
     """Whether the data say more than the priors of every combination of some parameters."""
-    return bool(np.linalg.eigvalsh(_information(total, own, prior_sd)).min() > 1.0)
+    return bool(np.linalg.eigvalsh(_information(total, asked, prior_sd)).min() > 1.0)
 
 
-def _least_told(total: FloatArray, own: Sequence[int], prior_sd: Sequence[float]) -> int:
+def _least_told(total: FloatArray, asked: Sequence[int], prior_sd: Sequence[float]) -> int:
     """The place of the parameter with the largest part in what the data say least of."""
-    _, vectors = np.linalg.eigh(_information(total, own, prior_sd))
+    _, vectors = np.linalg.eigh(_information(total, asked, prior_sd))
     return int(np.argmax(np.abs(vectors[:, 0])))
 
 

@@ -208,7 +208,10 @@ def _opening(steps: StepArtefacts, out: Path) -> dict[str, Any]:
     return {
         "flights": _flights(steps),
         "verdict": verdict,
-        "answers": [verdict, *(f"{question} {told}" for question, told in first_screen(summary))],
+        "answers": [
+            verdict,
+            *(f"{question} {sentence}" for question, sentence in first_screen(summary)),
+        ],
         "tile_pairs": _tiles(summary),
         "next": None if after is None else (f"Next step: {after.why}.", after.commands),
         "evidence": evidence(summary),

@@ -203,21 +203,21 @@ def _needed(part: Comparison, start: Named, progress: Progress, anew: Mapping[st
     if ahead.found.hypothesis:
         progress("asking whether each effect is still needed")
     outcome = still_needed(part, ahead)
-    left = tuple(n for n in ahead.found.hypothesis if n not in outcome.found.hypothesis)
-    if not left or set(left) & set(start.found.hypothesis):
+    gone = tuple(n for n in ahead.found.hypothesis if n not in outcome.found.hypothesis)
+    if not gone or set(gone) & set(start.found.hypothesis):
         return outcome
-    fewer = replace(start, rounds=list(start.rounds), withdrawn=(*start.withdrawn, *left))
+    fewer = replace(start, rounds=list(start.rounds), withdrawn=(*start.withdrawn, *gone))
     again = still_needed(part, _ahead(part, fewer, progress, {}, outcome.found))
     if again.found.objective < outcome.found.objective - RULES.class_nats:
         weights = _weights_anew(part, outcome)
         named = list(weights)
         if all(is_worth_naming(weights[n], named[:k]) for k, n in enumerate(named)):
-            for name in left:
+            for name in gone:
                 outcome.rounds[len(start.rounds) :] = [
                     marked(r, name, SUPERFLUOUS) for r in outcome.rounds[len(start.rounds) :]
                 ]
             return replace(outcome, weights=weights)
-    return with_superfluous(again, ahead, left, len(start.rounds))
+    return with_superfluous(again, ahead, gone, len(start.rounds))
 
 
 def _weights_anew(part: Comparison, outcome: Named) -> dict[str, Weight]:

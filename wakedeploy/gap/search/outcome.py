@@ -104,12 +104,12 @@ def marked(searched: Round, name: str, why: str) -> Round:
     return searched.model_copy(update={"ranking": ranking})
 
 
-def with_superfluous(outcome: Named, before: Named, left: tuple[str, ...], first: int) -> Named:
+def with_superfluous(outcome: Named, before: Named, names: tuple[str, ...], first: int) -> Named:
     """An outcome that tells of effects that had left before it; `first` is its first round."""
-    gone = {e.name: e for r in before.rounds for e in r.ranking if e.name in left}
-    told = [e.model_copy(update={"judged": SUPERFLUOUS}) for e in gone.values()]
+    gone = {e.name: e for r in before.rounds for e in r.ranking if e.name in names}
+    superfluous = [e.model_copy(update={"judged": SUPERFLUOUS}) for e in gone.values()]
     begun = outcome.rounds[first]
-    ranking = sorted([*begun.ranking, *told], key=lambda e: -e.gain_nats)
+    ranking = sorted([*begun.ranking, *superfluous], key=lambda e: -e.gain_nats)
     outcome.rounds[first] = begun.model_copy(update={"ranking": ranking})
-    alone = tuple(c for c in before.alone if c.name in left)
+    alone = tuple(c for c in before.alone if c.name in names)
     return replace(outcome, alone=(*outcome.alone, *alone))

@@ -116,8 +116,10 @@ def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
 
 def _named(name: str, values: Mapping[str, float], fitted: "Fit") -> Named:
     units = {f.name: f.unit for f in fitted.free}
-    own = _below(values, f"{name}.")
-    return Named(name=name, parameters=own, units={n: units[f"{name}.{n}"] for n in own})
+    parameters = _below(values, f"{name}.")
+    return Named(
+        name=name, parameters=parameters, units={n: units[f"{name}.{n}"] for n in parameters}
+    )
 
 
 def write_correction(correction: Correction, path: Path) -> None:

@@ -99,13 +99,13 @@ def _of_forecasts(model: LogModel) -> list[str]:
     others += _of_other_sign(logs, before)
     each = [(_shares(logs, before, other), other) for other in others]
     for ahead in sorted(before):
-        left = [
+        readings = [
             (shares[ahead], other)
             for shares, other in each
             if shares[ahead] < _HALF and _is_sharp(logs, before, other, ahead, shares[ahead])
         ]
-        best = min((share for share, _ in left), default=1.0)
-        words = [other.words for share, other in left if share <= _AS_GOOD * best]
+        best = min((share for share, _ in readings), default=1.0)
+        words = [other.words for share, other in readings if share <= _AS_GOOD * best]
         if words:
             return [
                 "with the constants as stated the system explains these logs far better if "
@@ -221,16 +221,16 @@ def _readings(what: str, unit: str, origin: Origin | None) -> list[tuple[str, fl
     said: dict[float, list[str]] = {}
     is_known = origin is not None and origin.unit not in ("", "1")  # which nobody has stated
     read_as = origin.unit if origin is not None and is_known else unit
-    own, units = read_as or "1", [*_units_of(read_as)]
+    stated, units = read_as or "1", [*_units_of(read_as)]
     for other, scale in units:
-        said.setdefault(_rounded(scale), []).append(f"{what} is in {other}, and not in {own}")
+        said.setdefault(_rounded(scale), []).append(f"{what} is in {other}, and not in {stated}")
     for other, scale in () if is_known else units:
         if other == _GRAVITIES:  # which no columns.toml can say
             continue
         times = 1.0 / scale
         said.setdefault(_rounded(times), []).append(
             f"{what} is {times:.4g} times as large as was read, as where columns.toml says {other} "
-            f"of a log in {own}"
+            f"of a log in {stated}"
         )
     return [(" or ".join(words), scale) for scale, words in said.items()]
 
@@ -328,10 +328,10 @@ def _off(model: LogModel, acting: Acting, at: IntArray, ahead: int) -> FloatArra
     """How far each output (m,) is off after these samples (S,)."""
     shown = model.filter.advanced(acting, {"nothing": np.zeros(1)}, at, ahead)
     found = []
-    for measured, told in zip(_outputs(model), shown, strict=True):
+    for measured, predicted in zip(_outputs(model), shown, strict=True):
         later = measured[at + ahead]
         known = np.isfinite(later)
-        off = np.nan_to_num(np.abs(told - later)[known], nan=np.inf)
+        off = np.nan_to_num(np.abs(predicted - later)[known], nan=np.inf)
         held = np.abs(_held(measured)[at] - later)[known]
         scale = max(float(np.median(held)), float(np.nanstd(measured)) / _FAR) if len(held) else 0.0
         found.append(min(float(np.median(off)) / scale, _FAR) if scale else 1.0)
@@ -373,8 +373,8 @@ def _of_speeds(model: LogModel) -> list[str]:
     names = [o.name for o in model.system.outputs]
     ways = {name: _ways(model, k) for k, name in enumerate(names)}
     for place, speed in _places_and_speeds(model.system):
-        way, own = ways[place][0], ways[speed][1]
-        if _unexplained(way, own) < _DOES_NOT:
+        way, by_speed = ways[place][0], ways[speed][1]
+        if _unexplained(way, by_speed) < _DOES_NOT:
             continue
         better = [n for n in names if n != place and _unexplained(way, ways[n][1]) < _GOES_ON]
         if _unexplained(ways[speed][0], ways[place][1]) < _GOES_ON:
@@ -388,7 +388,7 @@ def _of_speeds(model: LogModel) -> list[str]:
                 "the system has as its speed: are columns exchanged?"
             )
         else:
-            notes += _of_scale(model, place, speed, way, own)
+            notes += _of_scale(model, place, speed, way, by_speed)
     return notes
 
 
@@ -418,11 +418,11 @@ def _unexplained(way: FloatArray, by: FloatArray) -> float:
 
 
 def _of_scale(
-    model: LogModel, place: str, speed: str, way: FloatArray, own: FloatArray
+    model: LogModel, place: str, speed: str, way: FloatArray, by_speed: FloatArray
 ) -> list[str]:
     """A position and a speed that go together by another scale than 1, or the other way."""
-    sizes = float(np.sqrt(np.sum(way**2) * np.sum(own**2)))
-    alike = float(np.sum(way * own)) / sizes if sizes else 0.0
+    sizes = float(np.sqrt(np.sum(way**2) * np.sum(by_speed**2)))
+    alike = float(np.sum(way * by_speed)) / sizes if sizes else 0.0
     if alike < -_ALIKE:
         return [
             f"output {place} goes the other way than its speed, {speed}, says: turn the sign of "
@@ -430,7 +430,7 @@ def _of_scale(
         ]
     if alike < _ALIKE:
         return []
-    scale = float(np.sqrt(np.sum(way**2) / np.sum(own**2)))
+    scale = float(np.sqrt(np.sum(way**2) / np.sum(by_speed**2)))
     units = {o.name: o.unit for o in model.system.outputs}
     origins = _origins(model)
     unsure = [n for n in (place, speed) if n not in origins or not origins[n].is_stated]

@@ -50,11 +50,11 @@ _CUT = 0.1  # the same share, from which what lies beyond may be what an effect 
 
 @dataclass(frozen=True)
 class Row:
-    """One constant or effect: `moved` and what is `left` [sd], and those that look `like` it."""
+    """A constant or effect: what `moved`, what is `remaining` [sd], and what looks `like` it."""
 
     name: str
     moved: float
-    left: float
+    remaining: float
     like: tuple[str, ...]
 
 

@@ -35,7 +35,7 @@ def _half(half: Half) -> str:
     """`coulomb-friction@speed_mps (force from 1.1 to 1.3 N)`, and what it cannot be told from."""
     middle = 0.5 * (half.low + half.high)
     size = Size(value=middle, low=half.low, high=half.high, unit=half.unit)
-    name, told = as_read(half.leading, half.parameter, size)
+    name, shown = as_read(half.leading, half.parameter, size)
     others = [other for other in half.near if other != half.leading]
     alike = f" or {listed(others, 'or')}" if others else ""
-    return f"{half.leading} ({spoken(name)} {span(told.low, told.high, told.unit)}){alike}"
+    return f"{half.leading} ({spoken(name)} {span(shown.low, shown.high, shown.unit)}){alike}"

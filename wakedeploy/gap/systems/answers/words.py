@@ -361,5 +361,5 @@ def _rejected(answer: Answer) -> list[str]:
         e.name: e.judged for e in ranked if e.judged in (UNSEEN_WORSE, OUTDONE, SUPERFLUOUS)
     }
     judged |= taken_out
-    told = named | set(answer.rivals)
-    return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in told]
+    mentioned = named | set(answer.rivals)
+    return [f"Not named: {name}: {why}." for name, why in judged.items() if name not in mentioned]

@@ -136,8 +136,8 @@ class _Follower:
         x[self._shown] = self._rows[:, at]
         u = self._inputs.at(0, self._acting.system.steps * at)
         for lane in range(len(at)):
-            one = Driving({n: v[:, lane : lane + 1] for n, v in u.mean.items()}, {}, {})
-            x[:, lane] = self._rest(x[:, lane : lane + 1], one)[:, 0]
+            driving = Driving({n: v[:, lane : lane + 1] for n, v in u.mean.items()}, {}, {})
+            x[:, lane] = self._rest(x[:, lane : lane + 1], driving)[:, 0]
         return x
 
     def _rest(self, x: FloatArray, u: Driving) -> FloatArray:

@@ -128,7 +128,7 @@ def _spring(written: Fitted, joint: Joint, effect: Found) -> str:
     attribute, parameter = _SPRINGS[effect.kind]
     model, size = written.elements.model, effect.parameters[parameter]
     at_m_rad = _rest(written, joint)
-    of_file = [_of_joint(model, joint, one) for one, _ in _SPRINGS.values()]
+    of_file = [_of_joint(model, joint, key) for key, _ in _SPRINGS.values()]
     stiffness = written.value("joint", joint.name, "stiffness", of_file[0])
     if at_m_rad != 0.0:
         both = stiffness + size.value
@@ -258,8 +258,8 @@ def _command(written: Fitted, actuator: Actuator, effect: Found) -> str:
 
 def _as_given(actuator: Actuator) -> tuple[Range, Range]:
     """The factor and the sum of a command that nothing acts on."""
-    one, none = (as_is("actuator", actuator.name, "", number, "") for number in (1.0, 0.0))
-    return one, none
+    factor, added = (as_is("actuator", actuator.name, "", number, "") for number in (1.0, 0.0))
+    return factor, added
 
 
 def _gain_of(written: Fitted, actuator: Actuator) -> Range:
