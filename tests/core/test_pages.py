@@ -4,6 +4,7 @@ import html
 import re
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import jinja2
@@ -95,6 +96,23 @@ def test_a_chart_has_minus_signs() -> None:
     chart = LineChart([Curve("u", [0.0, 1.0], [-2.0, 1.0])], "t [s]", "u [V]")
     assert "−2" in [word for _, word in chart.y_ticks]
     assert chart.lines[0][2][0][2] == "u: −2 at t [s] 0"
+
+
+def test_a_chart_asks_for_each_value_a_few_times_only() -> None:
+    """Each point's place had asked for the ranges, and these for every value: minutes a report."""
+
+    class Counted(list[float]):
+        asked = 0
+
+        def __iter__(self) -> Iterator[float]:
+            type(self).asked += len(self)
+            return super().__iter__()
+
+    x = [0.01 * k for k in range(3000)]
+    chart = LineChart([Curve("u", x, Counted(x)), Curve("v", x, x)], "t [s]", "u [V]")
+    (_, path, dots), _ = chart.lines
+    assert len(dots) == path.count("L") + 1 == 300
+    assert Counted.asked <= 4 * len(x)
 
 
 def test_a_value_that_a_template_lacks_is_an_error() -> None:

@@ -3,6 +3,7 @@
 In: numbers. Out: places in a drawing of fixed size, for the macro `chart` of the common templates.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +13,12 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 12, 30, 40
 _MOST_POINTS = 300  # of a curve: more cannot be told apart
 _TICKS = 5
 
+Point = tuple[float, float]
+
 
 @dataclass(frozen=True)
 class Curve:
-    """A named line; None or NaN leaves a gap."""
+    """A named line past None and NaN, as between the readings of a slow sensor."""
 
     name: str
     x: Sequence[float]
@@ -34,20 +37,21 @@ class LineChart:
     x_left, x_right = _LEFT, WIDTH - _RIGHT
     y_top, y_bottom = _TOP, HEIGHT - _BOTTOM
 
-    @property
-    def _points(self) -> list[tuple[float, float]]:
+    # Once for a chart: each point's place asks for the ranges, and these for every point.
+    @functools.cached_property
+    def _points(self) -> list[Point]:
         return [point for curve in self.curves for point in _known(curve)]
 
     def __bool__(self) -> bool:
         """A chart without two points is none."""
         return len(self._points) > 1
 
-    @property
+    @functools.cached_property
     def _x_range(self) -> tuple[float, float]:
         known = [x for x, _ in self._points]
         return min(known), max(known)
 
-    @property
+    @functools.cached_property
     def _y_range(self) -> tuple[float, float]:
         """From zero, or from the ticks around the values where these are far from zero."""
         known = [y for _, y in self._points]
@@ -102,7 +106,7 @@ def shown(value: float, digits: str = "g") -> str:
     return format(value, digits).replace("-", "−")
 
 
-def _known(curve: Curve) -> list[tuple[float, float]]:
+def _known(curve: Curve) -> list[Point]:
     pairs = zip(curve.x, curve.y, strict=True)
     known = [(x, y) for x, y in pairs if y is not None and math.isfinite(y)]
     every = -(-len(known) // _MOST_POINTS) or 1
