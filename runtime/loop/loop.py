@@ -406,9 +406,10 @@ class Loop:
         self._way_down.reckon(self._state, measured, passed_s, believe=believe)
         nothing_flies = self._plan.motors_off or self._safety.failed_in is Mode.ARMED
         if mode is Mode.FAILSAFE and not nothing_flies:
-            aim, command, terms = self._come_down(aim, measured, feedforward_n)
-        elif mode in (Mode.ARMED, Mode.FAILSAFE):
-            self._finished |= mode is Mode.FAILSAFE
+            aim, command, terms = self._come_down(measured, feedforward_n)
+        elif mode is Mode.FAILSAFE:
+            aim, command, terms = self._rest_for_good()
+        elif mode is Mode.ARMED:
             self._state, command, terms = self._pilot.rest(self._state)
         elif self._plan.motors_off:
             self._state, command, terms = self._pilot.drive(self._state, aim)
@@ -434,17 +435,21 @@ class Loop:
         return command, terms
 
     def _come_down(
-        self, aim: Reference, measured: Measurement, feedforward_n: float | None
+        self, measured: Measurement, feedforward_n: float | None
     ) -> tuple[Reference, Command, Terms]:
         """One tick of a failsafe's way down; at its end the motors rest."""
         now = self._safety
         down = self._way_down.descend(self._state, measured, now.faults, now.cause, feedforward_n)
         if down is None:
-            self._finished = True
-            self._state, command, terms = self._pilot.rest(self._state)
-            return aim, command, terms
+            return self._rest_for_good()
         self._state, aim, command, terms = down
         return aim, command, terms
+
+    def _rest_for_good(self) -> tuple[Reference, Command, Terms]:
+        """A failsafe's last tick: it aims at rest, wherever the plan would be by now."""
+        self._finished = True
+        self._state, command, terms = self._pilot.rest(self._state)
+        return resting_reference(self._rig), command, terms
 
     def _write(self, command: Command) -> None:
         most = self._limits.max_speed_steps_per_s

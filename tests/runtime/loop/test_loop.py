@@ -188,6 +188,17 @@ def test_a_stop_by_hand_idles_the_source_at_once_and_lands_softly():
     assert world.plant.z_m < 0.05
 
 
+def test_a_failsafes_reference_never_goes_back_to_the_plan():
+    def stop(loop, tick):
+        loop.stop_asked = tick >= 80
+
+    _, rows = fly(World(), during=stop)
+    heights_m = [row["z_ref_m"] for row in rows.rows if row["mode"] == "FAILSAFE"]
+    assert heights_m[0] > 0.2  # it began in the air
+    assert np.all(np.diff(heights_m) <= 0.0)
+    assert heights_m[-1] == rows.rows[-1]["x_ref_m"] == 0.0
+
+
 def test_a_sensor_that_stops_brings_the_sufferer_down_blind_and_softly():
     world, speeds_mps = World(), []
     world.plant._sensor_hook = lambda t, z, steps: (z if t < 2.6 else math.nan, steps)
