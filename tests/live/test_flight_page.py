@@ -7,7 +7,7 @@ import time
 import needs
 import pytest
 from browser import PHONE, chromium
-from pages import Client, begin, fed, flowing, slow_flight
+from pages import Client, begin, fed, flowing, row, slow_flight
 
 from wakedeploy.live.desk import HOLD_S
 from wakedeploy.live.process import live_views
@@ -88,6 +88,24 @@ def test_a_page_comes_back_and_has_every_row_once(browser, served):
     times = browser.script("return wakedeploy.rows().t_s")
     assert [round(32 * t) for t in times] == list(range(140))
     shows(browser, "link", "connected")
+
+
+@pytest.mark.whole
+def test_a_height_that_nobody_knows_is_not_drawn_where_it_last_was(browser, served):
+    place = "return document.querySelector('.g-{}').getBoundingClientRect().{}"
+    browser.open(served.url)
+    served.feed.put(row(0))
+    browser.until(lambda: browser.text("z") == "0")
+    assert browser.script(place.format("body", "width")) > 0
+    at_first = browser.script(place.format("reference", "top"))
+    served.feed.put(row(1, z_est_m=float("nan"), z_ref_m=0.8))
+    browser.until(lambda: browser.text("z") == "–")
+    browser.until(lambda: browser.script(place.format("reference", "top")) < at_first)
+    assert browser.script(place.format("body", "width")) == 0
+    assert browser.script(place.format("carriage", "width")) > 0
+    served.feed.put(row(2, z_ref_m=None))
+    browser.until(lambda: browser.script(place.format("reference", "width")) == 0)
+    assert browser.script(place.format("body", "width")) > 0
 
 
 @pytest.mark.whole

@@ -87,18 +87,22 @@ export class Gantry {
 
   // past(t): the source's pulse at an earlier time [µs], or null.
   show(now, past) {
-    if (!this.rig || now.z_m === null) return;
+    if (!this.rig) return;
     this.place(now);
     this.measured(now.force_n);
     this.predicted(now.force_pred_n);
     this.blow(now.t_s, past);
   }
 
+  // What stands nobody knows where is not drawn: its last place, or zero, would be read as its place now.
   place(now) {
-    const x = (now.x_m ?? 0) * M;
-    this.carriage.setAttribute("transform", `translate(${x} 0)`);
+    const shows = (element, value) => (element.style.display = value === null ? "none" : "");
+    shows(this.carriage, now.x_m);
+    shows(this.sufferer, now.z_m);
+    shows(this.reference, now.z_ref_m);
+    this.carriage.setAttribute("transform", `translate(${now.x_m * M} 0)`);
     this.sufferer.setAttribute("transform", `translate(0 ${this.y(now.z_m)})`);
-    const at = this.y(now.z_ref_m ?? 0);
+    const at = this.y(now.z_ref_m);
     this.reference.setAttribute("y1", at);
     this.reference.setAttribute("y2", at);
   }
