@@ -10,9 +10,9 @@ from wakedeploy.core.failsafes import hints
 from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import read_run_log
 from wakedeploy.live.events import events_of
-from wakedeploy.live.flights import started
+from wakedeploy.live.flights import number, started
 from wakedeploy.live.replay import log_rows, rig_of_log
-from wakedeploy.live.rows import COLUMNS, rounded
+from wakedeploy.live.rows import COLUMNS
 
 MOST_ROWS = 12_000  # six minutes at 32 Hz; of longer flights every second tick, or third …
 
@@ -37,8 +37,8 @@ def flight_data(path: Path, name: str) -> dict[str, Any]:
         "rig": rig_view(rig),
         "started": started(log.metadata),
         "simulated": log.metadata.get("simulated") == "true",
-        "tracking_mm": rounded(1e3 * summary.tracking_rmse_m, 2),
+        "tracking_mm": number(1e3 * summary.tracking_rmse_m),
         "notes": list(summary.notes),
         "every": step,
-        "seconds": rounded(float(np.ptp(log["t_s"])) if len(log) else 0.0, 2),
+        "seconds": float(np.ptp(log["t_s"])) if len(log) else 0.0,
     }

@@ -22,7 +22,7 @@ from wakedeploy.core.processes import default_workers, pool
 from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import RunLog, read_run_log
 
-VERSION = 2  # of a row; another one makes the cache worthless
+VERSION = 3  # of a row; another one makes the cache worthless
 FEW = 8  # logs that are read here; for more, other processes help
 _KEPT_EACH = 100  # logs, after which what was read survives the program's end
 _AT_ONCE = 16  # logs for a process at a time
@@ -93,13 +93,13 @@ def _row(log: RunLog) -> Row:
         "rig": _named(known, "rig"),
         "package": _named(known, "package"),
         "simulated": known.get("simulated") == "true",
-        "seconds": _number(summary.duration_s, 1),
-        "tracking_mm": _number(1e3 * summary.tracking_rmse_m, 2),
-        "worst_mm": _number(1e3 * summary.tracking_max_m, 1),
+        "seconds": number(summary.duration_s),
+        "tracking_mm": number(1e3 * summary.tracking_rmse_m),
+        "worst_mm": number(1e3 * summary.tracking_max_m),
         "faults": _onsets(log),
         "failsafe": summary.failsafe_cause,
         "overruns": summary.overruns,
-        "gap": _number(float(finite.max()), 3) if len(finite) else None,
+        "gap": number(float(finite.max())) if len(finite) else None,
         "unfinished": "unfinished" in known,
     }
 
@@ -133,8 +133,9 @@ def _onsets(log: RunLog) -> dict[str, int]:
     return dict(counts.most_common())
 
 
-def _number(value: float, digits: int) -> float | None:
-    return round(value, digits) if math.isfinite(value) else None
+def number(value: float) -> float | None:
+    """A number in full, since the page alone rounds what it shows; None for NaN and infinity."""
+    return float(value) if math.isfinite(value) else None
 
 
 class Index:
