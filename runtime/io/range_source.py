@@ -140,7 +140,8 @@ class SocketRangeSource:
         self._is_closing = False
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
-            self._socket.connect(str(path))
+            # What a link points to: a socket's own path may have some hundred characters only.
+            self._socket.connect(str(path.resolve()))
         except OSError as error:
             self._socket.close()
             raise UnusableInput(

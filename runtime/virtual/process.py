@@ -63,6 +63,10 @@ class VirtualGantryProcess:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def wait(self) -> None:
+        """Return when it has ended by itself, as after an error."""
+        self._process.wait()
+
     def kill(self) -> None:
         """End it at once, as pulling the cable would."""
         self._process.kill()

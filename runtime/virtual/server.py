@@ -148,7 +148,7 @@ class VirtualGantry:
         if latest_s > LATE_S:
             sys.stderr.write(
                 f"The virtual gantry was up to {latest_s:.2f} s late: this computer is too slow or "
-                "too busy to fly it in real time; `run-gantry` without --wall-clock flies it in "
+                "too busy to fly it in real time; `run-gantry --virtual` alone flies it in "
                 "simulated time.\n"
             )
 
@@ -199,7 +199,10 @@ class VirtualGantry:
 
 def main() -> None:
     """Read the request from standard input, say where to connect, run."""
-    request = json.loads(sys.stdin.readline())
+    line = "" if sys.stdin.isatty() else sys.stdin.readline()
+    if not line:
+        sys.exit("Programs start this one; `wakedeploy rig virtual` serves the gantry at a port.")
+    request = json.loads(line)
     answers, sys.stdout = sys.stdout, sys.stderr  # what hooks print is no answer
     gantry, answer = _made(request)
     answers.write(json.dumps(answer) + "\n")

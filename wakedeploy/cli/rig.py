@@ -1,5 +1,6 @@
-"""`wakedeploy rig`: start a rig file, and check one."""
+"""`wakedeploy rig`: start a rig file, check one, and serve a virtual gantry that has it."""
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,13 @@ from wakedeploy.core.errors import UnusableInput
 
 @click.group(cls=Group)
 def command() -> None:
-    """Start a rig file (a gantry's constants), or check one.
+    """Start a rig file (a gantry's constants), check one, or serve a virtual gantry at a port.
 
     \b
     Example:
         wakedeploy rig init rig.toml
         wakedeploy rig show rig.toml
+        wakedeploy rig virtual rig.toml --out desk
     """
 
 
@@ -65,6 +67,44 @@ def show(path: Path | None, json_path: Path | None) -> None:
     print_table(f"{path or 'default rig'}", ["constant", "value", "unit", "spread"], rows)
     click.echo(f"Lead that fits this rig: {default_lead_s(rig):g} s.")
     write_json(json_path, {"rig": rig.model_dump(mode="json", by_alias=True)})
+
+
+@command.command()
+@click.argument("path", type=click.Path(dir_okay=False, path_type=Path), required=False)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default="desk",
+    show_default=True,
+    help="Folder for the port, uno, and the range sensor's socket, range.sock.",
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of its noise."
+)
+@click.option("--firmware", is_flag=True, help="The compiled sketch on a simulated UNO.")
+def virtual(path: Path | None, out: Path, seed: int, firmware: bool) -> None:
+    r"""Serve the virtual gantry PATH at a port, in real time, until Ctrl-C.
+
+    To another terminal it is a rig: every command that takes --port opens it. It stands there
+    between flights, as a rig does. Without PATH it is the default rig.
+
+    \b
+    Example:
+        wakedeploy rig virtual rig.toml --out desk
+        wakedeploy run-gantry --baseline --trust-curve \
+            --port desk/uno --range-socket desk/range.sock
+    """
+    from runtime.virtual.served import PORT, RANGES, served
+    from wakedeploy.core.errors import CheckFailed
+    from wakedeploy.core.interruption import interruptible
+    from wakedeploy.rig.file import default_rig, read_rig
+
+    rig = read_rig(path) if path else default_rig()
+    with interruptible(), served(rig, out, seed=seed, firmware=firmware) as gantry:
+        place = ("--port", str(out / PORT), "--range-socket", str(out / RANGES))
+        click.echo(f"The virtual gantry answers until Ctrl-C: {shlex.join(place)}")
+        gantry.wait()
+    raise CheckFailed("The virtual gantry's process has ended; see its message above.")
 
 
 def _flat(table: dict[str, Any], above: str = "") -> dict[str, str]:
