@@ -100,6 +100,8 @@ def serving(*words):
     with subprocess.Popen(line, stderr=subprocess.PIPE, text=True) as command:
         try:
             told = command.stderr.readline()
+            while " …" in told or "done in" in told:  # what a busy computer takes its time for
+                told = command.stderr.readline()
             assert "Live page: http://" in told, told + command.stderr.read()
             yield told.split()[-1]
         finally:

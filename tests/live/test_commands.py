@@ -13,6 +13,7 @@ from benchmarks.live import PAGES
 from benchmarks.results.live import live
 from wakedeploy.cli import main
 from wakedeploy.core.runlog import read_run_log
+from wakedeploy.domains.gantry import record
 
 FLY = ["run-gantry", "--baseline", "--virtual"]
 
@@ -101,3 +102,15 @@ def test_a_flight_is_stopped_from_its_page_and_its_log_is_whole(tmp_path):
     assert "operator_stop" in flown["faults"][-1]
     assert flown["sufferer_cmd_us"][-1] == 1000.0
     assert "unfinished" not in flown.metadata
+
+
+def test_a_replay_says_what_a_long_log_takes_its_time_for(tmp_path, monkeypatch):
+    """An hour of flight is read and smoothed for a minute before there is a page."""
+    log = tmp_path / "flight.mcap"
+    record(None, seconds=8, seed=0).write_mcap(log)
+    monkeypatch.setattr("wakedeploy.cli.log_lines._SILENT_S", 0.0)
+    monkeypatch.setattr("wakedeploy.live.replay.replay", lambda *served: None)
+    told = CliRunner().invoke(main, ["live", str(log)])
+    assert told.exit_code == 0
+    assert "Reading the log: done" in told.stderr
+    assert "Smoothing the force: done" in told.stderr

@@ -1,10 +1,12 @@
 """`wakedeploy live`: a recorded flight on the page that shows flying ones."""
 
+import contextlib
 from pathlib import Path
 
 import click
 
 from wakedeploy.cli.live_options import TOKEN, address_option, tell_address
+from wakedeploy.cli.output import StageBars
 
 
 @click.command()
@@ -25,7 +27,11 @@ def command(file: Path, listen: str, live_token: Path | None) -> None:
     from wakedeploy.live.process import require_tornado
 
     require_tornado()
-    log = read_run_log(file)
-    from wakedeploy.live.replay import replay
+    with contextlib.ExitStack() as shown:
+        bars = StageBars(shown)
+        bars("Reading the log")
+        log = read_run_log(file)
+        from wakedeploy.live.replay import Replay, replay
 
-    replay(log, file, listen, live_token, tell_address)
+        server = Replay(log, file.name, lambda *steps: bars("Smoothing the force", *steps))
+    replay(server, listen, live_token, tell_address)

@@ -32,6 +32,8 @@ from wakedeploy.live.web import (
 )
 from wakedeploy.rig.file import default_rig, parse_rig
 
+OnProgress = Callable[[int, int], None]
+
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 SHOWN_S = 30.0  # before the place to which a person jumps
 
@@ -42,20 +44,23 @@ def rig_of_log(log: RunLog) -> Rig:
     return default_rig() if not text else parse_rig(text, "the log's rig")
 
 
-def log_rows(log: RunLog, rig: Rig) -> list[list[Value]]:
-    """The page's rows of a whole log, with the smoothed force where it can be measured."""
-    force_n = _smoothed_force(log, rig)
+def log_rows(log: RunLog, rig: Rig, progress: OnProgress | None = None) -> list[list[Value]]:
+    """The page's rows of a whole log, with the smoothed force where it can be measured.
+
+    `progress(done, total)` is called as the smoothing gets on.
+    """
+    force_n = _smoothed_force(log, rig, progress)
     return [
         page_row(row | {"force_now_n": None if np.isnan(n) else float(n)})
         for row, n in zip(log.rows(), force_n, strict=True)
     ]
 
 
-def _smoothed_force(log: RunLog, rig: Rig) -> Any:
+def _smoothed_force(log: RunLog, rig: Rig, progress: OnProgress | None) -> Any:
     """(T,) [N], NaN where nothing was flown."""
     force_n = np.full(len(log), np.nan)
     try:
-        _, (stretches,) = measure([log.without_truth()], rig)
+        _, (stretches,) = measure([log.without_truth()], rig, progress)
     except UnusableInput:  # too short, or never in the air
         return force_n
     for stretch in stretches:
@@ -72,14 +77,18 @@ def _untimed(log: RunLog, rows: list[list[Value]]) -> str:
 
 
 class Replay(PageServer):
-    """A log that is played; every page sees the same place of it. It begins with the first page."""
+    """A log that is played; every page sees the same place of it. It begins with the first page.
 
-    def __init__(self, log: RunLog, name: str) -> None:
+    An hour of flight takes a minute to smooth: `progress(done, total)` is called meanwhile. Raises
+    UnusableInput for a log without a tick, and for a rig in it that cannot be used.
+    """
+
+    def __init__(self, log: RunLog, name: str, progress: OnProgress | None = None) -> None:
         super().__init__()
         if not len(log):
             raise UnusableInput(f"{name}: there is not a single tick in this log.")
         rig = rig_of_log(log)
-        self._rows = log_rows(log, rig)
+        self._rows = log_rows(log, rig, progress)
         self._times = [float(t) for t in log["t_s"]]
         self._next = 0
         self._at_s, self._speed, self._plays = self._times[0], 1.0, True
@@ -141,12 +150,11 @@ class Replay(PageServer):
 
 
 def replay(
-    log: RunLog, path: Path, listen: str, token_file: Path | None, tell: Callable[[str], None]
+    server: Replay, listen: str, token_file: Path | None, tell: Callable[[str], None]
 ) -> None:
     """Serve a replay until the program is interrupted; `tell` gets the address."""
     address = address_of(listen)
     token = token_for(address, token_file)
-    server = Replay(log, path.name)
     sockets, address = bound(address)
 
     async def run() -> None:
