@@ -33,6 +33,7 @@ def flights() -> wd.Flights:
         ({"seconds": -1}, "seconds is -1"),
         ({"seed": -1}, "seed is -1: give a whole number from 0 on"),
         ({"seed": 1.5}, "seed is 1.5"),
+        ({"package": ["a run"]}, r"\['a run'\] is no path of a package; wd.export makes one"),
     ],
 )
 def test_a_plan_that_no_gantry_flies_is_refused_in_a_sentence(asked, said: str) -> None:
@@ -54,6 +55,11 @@ def test_the_error_of_a_flight_is_that_of_its_columns(flight: wd.Flight) -> None
     flying = np.isin(flight["mode"].astype(str), ("RUNNING", "DEGRADED"))
     error_m = (flight["z_ref_m"] - flight["true_z_m"])[flying]
     assert flight.rmse_mm == pytest.approx(1e3 * np.sqrt(np.mean(error_m**2)))
+
+
+def test_a_column_that_is_not_there_is_answered_with_the_one_that_is_near(flight) -> None:
+    with pytest.raises(KeyError, match=r"'z_est' is no column .*did you mean z_est_m"):
+        flight["z_est"]
 
 
 def test_several_flights_are_single_ones_and_their_mean(

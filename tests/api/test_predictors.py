@@ -207,3 +207,8 @@ def test_what_c_cannot_be_is_refused_before_anything_is_written(
         with pytest.raises(wd.UnusableInput, match=sentence):
             wd.export(package, **asked)
     assert [path.name for path in tmp_path.iterdir()] == ["tiny.onnx"]
+
+
+def test_what_names_no_file_is_no_package() -> None:
+    with pytest.raises(wd.UnusableInput, match=r"^None is no path of a package; wd\.export makes"):
+        wd.load(None)

@@ -15,6 +15,7 @@ from wakedeploy.api.display import data_frame
 from wakedeploy.api.inputs import PathLike, path_of, rig_of
 from wakedeploy.core import figures
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.names import unknown
 from wakedeploy.core.run_summary import RunSummary, summarise
 from wakedeploy.core.runlog import Array, RunLog, read_run_log
 from wakedeploy.gap.progress import Progress, quiet
@@ -93,6 +94,8 @@ class Flight:
         return len(self.log)
 
     def __getitem__(self, column: str) -> Array:
+        if column not in self.log:
+            raise KeyError(unknown(column, "column of this flight", self.log.columns))
         return self.log[column]
 
     @property
@@ -404,10 +407,14 @@ def _require_plan(seconds: object, seed: object) -> None:
 
 
 def _package_path(package: "Predictor | PathLike | None") -> Path | None:
-    """The file of a package."""
-    from wakedeploy.api.predictors import Predictor
+    """The file of a package; UnusableInput for a trained run, and whatever else has none."""
+    from wakedeploy.api.predictors import Predictor, require_path
 
-    return package.path if isinstance(package, Predictor) else path_of(package)
+    if isinstance(package, Predictor):
+        return package.path
+    if package is not None:
+        require_path(package)
+    return path_of(package)
 
 
 def _flies_c(backend: str | None, package: Path | None) -> bool:

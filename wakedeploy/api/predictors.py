@@ -179,8 +179,17 @@ def load(path: PathLike) -> Predictor:
         UnusableInput: What is there is absent, foreign, damaged, of another release, or asks for
             what no package may.
     """
+    require_path(path)
     _refuse_run(Path(path))
     return Predictor(read_flyable(Path(path)), Path(path))
+
+
+def require_path(package: object) -> None:
+    """UnusableInput for what names no file, as a run that was trained and not exported."""
+    if not isinstance(package, str | os.PathLike):
+        raise UnusableInput(
+            f"{package!r:.80} is no path of a package; wd.export makes one of a trained run."
+        )
 
 
 def _refuse_run(path: Path) -> None:
