@@ -254,6 +254,22 @@ def test_what_learned_nothing_is_a_line_unless_it_lies_far_off() -> None:
     assert axes.get_ylim()[1] < 1.0
 
 
+@pytest.mark.parametrize("domains", [["toy"], ["toy", "another"]])
+def test_the_legend_is_not_cut_and_what_is_said_in_words_lies_on_no_curve(domains) -> None:
+    points = [seen("agile-mlp", 0.0, 0.9), replace(seen("zero", 0.0, 2.0), memory="none")]
+    for name in ("history-mlp", "gru"):
+        points += [seen(name, past_s, 0.5) for past_s in (0.1, 0.2, 0.3, WHOLE)]
+    drawn = curves(dict.fromkeys(domains, points), dict.fromkeys(domains, 0.1))
+    drawn.draw_without_rendering()
+    (legend,) = drawn.legends
+    told = legend.get_window_extent()
+    assert told.x0 >= 0.0
+    assert told.x1 <= drawn.bbox.width
+    for axes in drawn.axes[: len(domains)]:
+        (words,) = [text for text in axes.texts if "zero" in text.get_text()]
+        assert not words.get_window_extent().overlaps(axes.get_window_extent())
+
+
 def test_the_transport_delay_comes_from_the_set() -> None:
     data = delayed_set()
     swing = np.sin(2.0 * np.pi * np.arange(300)[:, None] / 16.0).astype(np.float32)  # 0.8 s

@@ -96,13 +96,22 @@ def legend(axes: "Axes", **options: Any) -> None:
 
 
 def legend_above(drawn: "Figure", grid: Any, columns: int) -> None:
-    """One legend above all axes of a grid; what several of them show stands there once."""
+    """One legend above all axes of a grid; what several of them show stands there once.
+
+    It has as many columns as there is room for, and `columns` at most.
+    """
     handles = {
         label: handle
         for axes in grid.flat
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    drawn.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=columns)
+    for across in range(columns, 0, -1):
+        made = drawn.legend(
+            list(handles.values()), list(handles), loc="outside upper center", ncols=across
+        )
+        if across == 1 or made.get_window_extent().width <= drawn.bbox.width:
+            return
+        made.remove()
 
 
 def plain_log(axes: "Axes") -> None:

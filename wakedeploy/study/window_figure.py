@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FARTHEST = 1.15  # of the panel's largest other error: what is farther off is text, not drawn
+_LEGEND_IN = 4.4  # the least width [inch] in which the legend's two columns have room
 COLUMNS = (
     "domain",
     "arch",
@@ -56,7 +57,7 @@ def curves(
     """
     across = min(len(by_domain), 3)
     down = -(-len(by_domain) // across)
-    size = (3.1 * across, 0.7 + 2.4 * down)
+    size = (max(3.1 * across, _LEGEND_IN), 0.7 + 2.4 * down)
     with figures.style():
         drawn, grid = figures.figure(down, across, size=size, squeeze=False)
         for axes, (domain, points) in zip(grid.flat, by_domain.items(), strict=False):
@@ -114,7 +115,8 @@ def _unlearned(axes: "Axes", points: Sequence[Seen]) -> None:
             axes.axhline(point.share, color=colour, linestyle="-.", linewidth=0.9, label=point.arch)
     if far:
         text = ", ".join(f"{point.arch}: {point.share:.2f} ↑" for point in far)
-        axes.text(0.98, 0.97, text, fontsize=6.5, ha="right", va="top", transform=axes.transAxes)
+        # Beside the title: in the panel it would lie on a curve.
+        axes.text(1.0, 1.02, text, fontsize=6.5, ha="right", transform=axes.transAxes)
 
 
 def parts(
