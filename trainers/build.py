@@ -102,9 +102,12 @@ def _unfilled(arch: str, sizes: Sizes, values: Any) -> WakeModel:
 def _check_budget(arch: str, sizes: Sizes, values: Any) -> None:
     trainable = _unfilled(arch, sizes, values).trainable
     if trainable >= PARAMETER_BUDGET:
+        shape, usual = dataclasses.asdict(values), dataclasses.asdict(hyper_parameters(arch, {}))
+        asked = [f"{name} = {value}" for name, value in shape.items() if value != usual[name]]
+        of_these = f" with {', '.join(asked)}" if asked else ""
         raise UnusableInput(
-            f"{arch} would have {trainable:,} trainable parameters, and the budget is fewer"
-            f" than {PARAMETER_BUDGET:,}; choose smaller hyper-parameters."
+            f"{arch}{of_these} would have {trainable:,} trainable parameters, and the budget is"
+            f" fewer than {PARAMETER_BUDGET:,}; choose smaller hyper-parameters."
         )
 
 

@@ -21,8 +21,9 @@ from trainers.trained_run import load_run
 from trainers.training.trainer import configure, settings_for, train
 from wakedeploy.core.episodes import EpisodeSet, read_episode_set
 from wakedeploy.sweep.executor import ATTEMPTS, LocalProcesses
+from wakedeploy.sweep.generate import Generate
 from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, do, failure, train_jobs
-from wakedeploy.sweep.plan import Choice, read_plan
+from wakedeploy.sweep.plan import Choice, Plan, read_plan
 from wakedeploy.sweep.run import Report, sweep
 
 GRID = ("--arch", "agile-mlp,gru", "--seeds", 2, "--epochs", 1, "--hyper", "gru.hidden=4,8")
@@ -172,6 +173,25 @@ def made_of(data: EpisodeSet, lines: Callable, out: Path) -> Instant:
         return Outcome(job.request | {"state": "done", "data_sha256": data.sha256}, made=data)
 
     return Instant(outcome)
+
+
+def test_a_generated_set_that_is_damaged_is_made_again(
+    make_small: Callable, tmp_path: Path, lines: Callable
+) -> None:
+    data, out = make_small(), tmp_path / "out"
+    asked = Plan({}, (), (Generate("short", "gantry", 0.5, 0, {}),))
+
+    def outcome(job: Job) -> Outcome:
+        return Outcome(job.request | {"state": "done", "data_sha256": data.sha256}, made=data)
+
+    assert sweep(asked, out, Instant(outcome)).begun == 1
+    assert sweep(asked, out, Instant(outcome)).begun == 0
+    first = min((out / "sets" / "short").glob("*.npz"))
+    whole = first.read_bytes()
+    first.write_bytes(whole[:100])
+    assert sweep(asked, out, Instant(outcome)).begun == 1
+    assert first.read_bytes() == whole
+    assert len(lines(out)) == 1
 
 
 def test_a_generated_set_too_small_to_validate_on_is_kept_and_its_trainings_fail(

@@ -53,6 +53,7 @@ def test_a_full_disk_says_nothing_about_a_job(make_small, monkeypatch, tmp_path)
         (["--hyper", "gru.hidden"], "write ARCH.NAME=VALUE"),
         (["--hyper", "gru.hiden=3"], "--hyper gru.hiden: gru has no hyper-parameter"),
         (["--arch", "gru", "--hyper", "gru.hidden=220"], "budget is fewer than 100,000"),
+        (["--arch", "gru", "--hyper", "gru.hidden=8,220"], "gru with hidden = 220 would have"),
         (["--arch", "gru", "--hyper", "esn.leak=0.1"], "'esn' is not among the architectures"),
         (["--lead", "5"], "The 'train' split of this toy set has no episode longer"),
         (["--device", "cuda"], "torch sees no CUDA device"),

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from wakedeploy.core.episodes import DESCRIPTION, EpisodeSet, read_episode_set, stated_sha256
+from wakedeploy.core.episodes import EpisodeSet, read_episode_set
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import json_of, remove_unfinished, text_of, write_text_whole
 from wakedeploy.core.locks import alone
@@ -185,10 +185,10 @@ class _Sweep:
         folder = self.out / SETS / job.asked.name
         row = self.results.rows.get(job.identity, {})
         self.asked[job.identity] = job
-        there = (folder / DESCRIPTION).is_file() and stated_sha256(folder)
-        if self.results.done(job.identity) and there == row["data_sha256"]:
+        there = _whole(folder) if self.results.done(job.identity) else None
+        if there is not None and there.sha256 == row["data_sha256"]:
             self.settled += 1
-            self._train_on(job.asked.name, folder, read_episode_set(folder))
+            self._train_on(job.asked.name, folder, there)
         elif self.results.failed(job.identity) and not self.retry_failed:
             self.settled += 1
         else:
@@ -233,3 +233,11 @@ class _Sweep:
         jobs = train_jobs(name, folder, data, self.plan.choices, device=self.device)
         self.total -= len(self.plan.choices) - len(jobs)
         return jobs
+
+
+def _whole(folder: Path) -> EpisodeSet | None:
+    """The set in a folder; None where it is gone or damaged, and so has to be made again."""
+    try:
+        return read_episode_set(folder)
+    except UnusableInput:
+        return None
