@@ -1,6 +1,7 @@
 """New values go into a rig file without touching anything else in it."""
 
 import datetime
+import re
 import threading
 import time
 
@@ -193,3 +194,18 @@ def test_a_name_that_is_another_stands_beside_the_one_that_is_missing() -> None:
     text = default_rig_text().replace("mass_kg = 0.45", "mass_g = 450")
     with pytest.raises(UnusableInput, match="mass_kg is missing, and mass_g is not known"):
         parse_rig(text, "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("added", "sentence"),
+    [
+        ('\n[[effect]]\nname = "ground-effect"\ngain = 0.3\n',
+         "effect.0.gain is not known; there are name, expression, parameters, "),
+        ("\n[batery]\n", "batery is not known; there are schema, source, sufferer, "),
+        ("\n[thrust.carriage]\npulse_us = [1000, 2000]\n",
+         "thrust.carriage is not known; there are source, sufferer."),
+    ],
+)  # fmt: skip
+def test_a_name_that_is_not_known_is_answered_with_those_that_are(added, sentence) -> None:
+    with pytest.raises(UnusableInput, match=re.escape(sentence)):
+        parse_rig(default_rig_text() + added, "rig.toml")

@@ -230,7 +230,7 @@ def rig_from_tables(
     try:
         return Rig.model_validate(plain | {"effect": effects, "calibration": calibration})
     except pydantic.ValidationError as error:
-        raise UnusableInput(f"{name}: {first_problem(error)}.") from error
+        raise UnusableInput(f"{name}: {first_problem(error, Rig)}.") from error
 
 
 def _without_calibration(

@@ -1,16 +1,24 @@
 """Telling a rejected document's first problem in one clause: the place, the value, the bound."""
 
+from typing import Any, get_args
+
 import pydantic
 
 _LONGEST = 100  # letters of a place or a value that a document may put into a sentence
 
 
-def first_problem(error: pydantic.ValidationError) -> str:
-    """The first problem of a document that pydantic rejected, as "a.b.0.c = 3: what is wrong"."""
+def first_problem(
+    error: pydantic.ValidationError, document: type[pydantic.BaseModel] | None = None
+) -> str:
+    """The first problem of a document that pydantic rejected, as "a.b.0.c = 3: what is wrong".
+
+    With the kind of the document, a name that is not known is answered with those that are.
+    """
     problem = error.errors()[0]
     place = _shown(".".join(str(part) for part in problem["loc"]))
     if problem["type"] == "extra_forbidden":
-        return f"{place} is not known"
+        known = _known_beside(document, problem["loc"]) if document else []
+        return f"{place} is not known" + (f"; there are {', '.join(known)}" if known else "")
     if problem["type"] == "missing":
         beside = (e for e in error.errors() if e["type"] == "extra_forbidden")
         near = [e["loc"][-1] for e in beside if e["loc"][:-1] == problem["loc"][:-1]]
@@ -21,6 +29,26 @@ def first_problem(error: pydantic.ValidationError) -> str:
     shown = f" = {_shown(repr(given))}" if isinstance(given, int | float | str) and place else ""
     message = _shown(problem["msg"].removeprefix("Value error, "))
     return f"{place}{shown}: {message}".lstrip(": ")
+
+
+def _known_beside(document: type[pydantic.BaseModel], loc: tuple[int | str, ...]) -> list[str]:
+    """The names that a document may have where it has another; none where it is no table."""
+    kind: Any = document
+    for part in loc[:-1]:
+        if isinstance(part, str):  # an entry of a list is of the list's own kind
+            field = kind.model_fields.get(part)
+            kind = None if field is None else _table_in(field.annotation)
+        if kind is None:
+            return []
+    return [field.alias or name for name, field in kind.model_fields.items() if not field.exclude]
+
+
+def _table_in(annotation: Any) -> type[pydantic.BaseModel] | None:
+    """The kind of table that a field holds, alone or in a list."""
+    for kind in (annotation, *get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, pydantic.BaseModel):
+            return kind
+    return None
 
 
 def _shown(text: str) -> str:
