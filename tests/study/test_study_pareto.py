@@ -246,6 +246,20 @@ def test_a_single_point_is_drawn_in_the_middle_without_a_warning() -> None:
     assert drawn.axes[0].get_xlim() == pytest.approx((17_409 / 3.0, 3.0 * 17_409))
 
 
+def test_a_name_beside_a_long_bar_is_not_cut_at_the_panels_edge() -> None:
+    points = [
+        point("agile-mlp", (0.8,), 17_409, 0.54, 0.69),
+        point("gru", (1.1,), 70_721, 0.61, 0.75),
+    ]
+    drawn = panels({"toy": points}, {"toy": {"zero": 1.1}})
+    drawn.draw_without_rendering()
+    for axes in drawn.axes:
+        panel = axes.get_window_extent()
+        for text in axes.texts:
+            name = text.get_window_extent()
+            assert panel.x0 <= name.x0 < name.x1 <= panel.x1, text.get_text()
+
+
 def test_a_wrong_name_is_refused_in_one_sentence(tmp_path) -> None:
     for options in (["--domains", "moon"], ["--arch", "oracle"], ["--domains", "fish"]):
         told = CliRunner().invoke(main, ["study", "pareto", "--out", str(tmp_path), *options],

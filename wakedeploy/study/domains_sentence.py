@@ -31,7 +31,8 @@ def sentence(domain: str, lines: Sequence[Line]) -> str:
     mean, validation = errors(lines), held_out(lines)
     kept = {n: mean.pop(n) for n in list(mean) if n.endswith(SOURCE_ONLY)}
     if MEMORYLESS not in mean or len(mean) < 2:
-        return f"On {domain}, {len(mean)} architectures were trained."
+        trained_here = "architecture was" if len(mean) == 1 else "architectures were"
+        return f"On {domain}, {len(mean)} {trained_here} trained."
     best = min(mean, key=lambda name: validation[name])
     text = f"On {domain}, {best} is the best on validation. {_compared(domain, best, lines)}"
     zero = min((x.error for x in lines if x.predictor == ZERO), default=1.0)

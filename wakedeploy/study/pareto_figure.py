@@ -164,26 +164,32 @@ def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
         plain = point.arch == MEMORYLESS
         text = f"{point.arch} (no memory)" if plain else point.arch
         wide = _LETTER * len(text)
+        over = min(max((x + far - wide) / 2, left_edge + 1.0), right_edge - wide - 1.0)
+        heights = sorted(range(-40, 41, 2), key=abs)
         tried = [
-            (dx, dy, (start, y + dy - 3.5, start + wide, y + dy + 3.5))
-            for dy in sorted(range(-40, 41, 2), key=abs)
-            for dx, start in ((6, far + 6), (-6, x - 6 - wide))
+            (start, dy, (start, y + dy - 3.5, start + wide, y + dy + 3.5))
+            for starts in ((far + 6, x - 6 - wide), (over,))  # beside the bar, else above or below
+            for dy in heights
+            for start in starts
         ]
         tried.sort(key=lambda label: not _is_within(label[2], left_edge, right_edge))
         free = (label for label in tried if not any(_overlap(label[2], other) for other in taken))
-        dx, dy, box = next(free, tried[0])
+        start, dy, box = next(free, tried[0])
         taken.append(box)
+        end, ha = (0, "right") if start < x - wide else (1, "left")
         axes.annotate(
             text,
-            bar[1] if dx > 0 else bar[0],
-            xytext=(dx, dy),
+            bar[end],
+            xytext=(start - far if end else start + wide - x, dy),
             textcoords="offset points",
-            ha="left" if dx > 0 else "right",
+            ha=ha,
             va="center",
             fontsize=6.5,
             path_effects=[withStroke(linewidth=1.5, foreground="white")],
             in_layout=False,
-            arrowprops={"arrowstyle": "-", "lw": 0.4, "color": figures.LIMIT} if dy else None,
+            arrowprops={"arrowstyle": "-", "lw": 0.4, "color": figures.LIMIT}
+            if dy and start != over
+            else None,
         )
 
 
