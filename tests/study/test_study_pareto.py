@@ -246,6 +246,15 @@ def test_a_single_point_is_drawn_in_the_middle_without_a_warning() -> None:
     assert drawn.axes[0].get_xlim() == pytest.approx((17_409 / 3.0, 3.0 * 17_409))
 
 
+@pytest.mark.parametrize("ratio", [1.02, 1.3, 1.49, 2.0, 8.0, 200.0])
+def test_an_axis_of_errors_has_numbers_however_near_they_are(ratio: float) -> None:
+    errors = np.geomspace(0.92, 0.92 * ratio, 3)  # around 1, which had been the only number
+    points = [point(f"m{i}", (error,), 100 * 10**i, 0.1) for i, error in enumerate(errors)]
+    (axes, *_) = panels({"toy": points}, {"toy": {}}).axes
+    low, high = axes.get_ylim()
+    assert sum(low <= at <= high for at in axes.yaxis.get_majorticklocs()) >= 2
+
+
 def test_a_name_beside_a_long_bar_is_not_cut_at_the_panels_edge() -> None:
     points = [
         point("agile-mlp", (0.8,), 17_409, 0.54, 0.69),

@@ -128,8 +128,8 @@ def _swept(
     from wakedeploy.sweep.run import sweep
 
     stopped = (
-        f"Stopped; the rows of finished jobs are in {out / 'results.jsonl'}, and the same command"
-        " goes on with the rest."
+        f"Stopped; {out / 'results.jsonl'} has the rows of the jobs that had ended, if any, and the"
+        " same command goes on with the rest."
     )
     ended = told_when_stopped(stopped)
     with ended, interruptible(), progress("Jobs", wanted.jobs, counted=True) as bar:

@@ -137,7 +137,7 @@ def _panel(axes: "Axes", points: Sequence[Point], cost: Cost, beside: Unlearned)
 
 def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) -> None:
     """Numbers as one says them, and some even where an axis spans less than a decade."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
     for axis, values in ((axes.xaxis, costs), (axes.yaxis, errors)):
         decades = max(values) / min(values)
@@ -146,7 +146,10 @@ def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) 
             subs = (1.0,)
         if decades < 3:
             subs = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
-        axis.set_major_locator(LogLocator(subs=subs))
+        is_narrow = decades < 1.5  # such ticks would be one, or none
+        axis.set_major_locator(MaxNLocator(4) if is_narrow else LogLocator(subs=subs))
+        if is_narrow:
+            axis.set_minor_locator(NullLocator())
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.6g}"))
         axis.set_minor_formatter(NullFormatter())
 
