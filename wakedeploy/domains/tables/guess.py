@@ -454,7 +454,8 @@ def _entry(
     yield ""
     in_kelvin = _CELSIUS.sub("K", field.name) if unit == "K" else field.name
     name = match.asked.name if match else _name(in_kelvin, taken)
-    yield f"[columns.{name}]  # {_range(there)}"
+    of = f", of {plain_line(field.of)}" if field.of else ""
+    yield f"[columns.{name}]  # {_range(there)}{of}"
     yield f"column = {toml(field.name)}{_seen_by(match)}"
     yield from _place(file, base, field.name)
     yield f'role = "{match.asked.role if match else "unused"}"'

@@ -29,7 +29,8 @@ class Field:
     `topic` groups fields with one clock; `example` is the first sample, None for a text. `remark`
     is on a unit that a format leaves open. A field of a message whose type is known `is_typed`; one
     that `is_aside` is no measurement, as a covariance. `unread` is why a field holds no
-    numbers, with what to do about it.
+    numbers, with what to do about it. `of` is the joint, model or frame whose number it is, by the
+    names in the first messages.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Field:
     is_typed: bool = False
     is_aside: bool = False
     unread: str = ""
+    of: str = ""
 
 
 class Clock(NamedTuple):

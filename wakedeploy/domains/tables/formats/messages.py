@@ -1,17 +1,20 @@
 """Logs of messages: topics, each with its clock, whose messages hold numbers in nested fields.
 
 An address is the topic, a dot, and the way to a number: `/imu.linear_acceleration.x`,
-`/joint_states.position[2]`, or `/imu.log_time` for when the message was recorded.
+`/joint_states.position[2]`, or `/imu.log_time` for when the message was recorded. What a message
+names is found by its name, in whatever order: `/joint_states.position[elbow]`.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.tables.formats.named import Lacking, index_of, name_at
 from wakedeploy.domains.tables.formats.ros_units import is_aside, remark_on, unit_of
 from wakedeploy.domains.tables.log import (
     Clock,
@@ -23,11 +26,19 @@ from wakedeploy.domains.tables.log import (
 )
 
 LOG_TIME = "log_time"
+_LOOKED_AT = 20  # messages of a topic for its fields: the first may be empty
 _LONGEST_VECTOR = 32  # numbers of one that are listed
 _DEEPEST = 8
-_STEP = re.compile(r"\.?([A-Za-z_][^.\[\]]*)|\[([0-9]{1,6})\]")
+_STEP = re.compile(r"\.?([A-Za-z_][^.\[\]]*)|\[([0-9]{1,6})\]|\[([^\[\]]{1,100})\]")
 
-Steps = tuple[str | int, ...]
+
+class Named(NamedTuple):
+    """A step to the element of a list that a message calls so."""
+
+    name: str
+
+
+Steps = tuple[str | int | Named, ...]
 Decode = Callable[[bytes], Any]
 
 
@@ -40,6 +51,19 @@ class Message(NamedTuple):
     decode: Decode
 
 
+@dataclass
+class _Read:
+    """A field on its way through the messages: what was read of it so far."""
+
+    address: str
+    topic: str
+    steps: Steps
+    values: list[Any] = field(default_factory=list)  # None where a message lacks it
+    is_found: bool = False  # in any message
+    called: tuple[str, ...] = ()  # the names of the elements on its way, "" for those without
+    lacking: UnusableInput | None = None  # the sentence for the first message that lacks it
+
+
 class MessageLog:
     """A log whose messages `stream` gives in their order, as often as it is asked."""
 
@@ -50,26 +74,33 @@ class MessageLog:
         self.fixed_units: dict[str, str] = {}  # of what was read, by address
         self._topics = sorted(topics, key=len, reverse=True)
         self._stream = stream
+        self._fields: list[Field] | None = None
 
     def fields(self) -> list[Field]:
-        """The numbers in the first message of each topic."""
-        firsts: dict[str, Message] = {}
+        """The numbers in the first messages of each topic."""
+        if self._fields is None:
+            seen = self._seen()
+            self._fields = [
+                field for topic in sorted(seen) for field in _fields(topic, seen[topic])
+            ]
+        return self._fields
+
+    def _seen(self) -> dict[str, list["_Number"]]:
+        """The numbers in the first messages, by topic; a note where one cannot be decoded."""
+        seen: dict[str, list[_Number]] = {topic: [] for topic in self._topics}
+        left = dict.fromkeys(self._topics, _LOOKED_AT)
         for message in self._stream():
-            firsts.setdefault(message.topic, message)
-            if len(firsts) == len(self._topics):
+            if not any(left.values()):
                 break
-        found: list[Field] = []
-        for topic, message in sorted(firsts.items()):
+            if not left[message.topic]:
+                continue
+            left[message.topic] -= 1
             try:
-                numbers = list(_numbers(self._decoded(message)))
+                seen[message.topic] += _numbers(self._decoded(message))
             except UnusableInput as error:
                 self.notes.append(str(error).rstrip("."))
-                continue
-            found += [
-                Field(f"{topic}.{n.name}", topic, n.unit, 0.0, n.remark, n.is_typed, n.is_aside)
-                for n in numbers
-            ]
-        return found
+                left[message.topic] = 0
+        return seen
 
     def clock_of(self, address: str) -> Clock | None:
         """When the messages of a field's topic were recorded, in nanoseconds."""
@@ -77,50 +108,77 @@ class MessageLog:
 
     def read(self, addresses: Collection[str], stamps: Collection[str]) -> dict[str, Values]:
         """The fields of these addresses in one pass."""
-        wanted: dict[str, list[tuple[str, Steps]]] = {}
+        reads: list[_Read] = []
+        wanted: dict[str, list[_Read]] = {}
         for address in addresses:
             topic, steps = self._split(address)
-            wanted.setdefault(topic, []).append((address, steps))
-        found: dict[str, list[Any]] = {address: [] for address in addresses}
+            reads.append(_Read(address, topic, steps))
+            wanted.setdefault(topic, []).append(reads[-1])
         for count, message in enumerate(self._stream()):
             if message.topic in wanted:
-                self._take(message, wanted[message.topic], found, stamps)
+                self._take(message, wanted[message.topic], stamps)
             if count % 10_000 == 0:
-                require_values(self.path, sum(map(len, found.values())))
-        return {a: self._column(a, values, a in stamps) for a, values in found.items()}
+                require_values(self.path, sum(len(read.values) for read in reads))
+        return {read.address: self._column(read, read.address in stamps) for read in reads}
 
     def place(self, address: str, index: int) -> str:
         """The number of a message of a topic, from 0 on."""
         return f"message {index}"
 
-    def _take(
-        self,
-        message: Message,
-        wanted: list[tuple[str, Steps]],
-        found: Mapping[str, list[Any]],
-        stamps: Collection[str],
-    ) -> None:
+    def _take(self, message: Message, wanted: list[_Read], stamps: Collection[str]) -> None:
         """Add the numbers of a message to the columns."""
-        only_clock = all(steps == (LOG_TIME,) for _, steps in wanted)
+        only_clock = all(read.steps == (LOG_TIME,) for read in wanted)
         fields = None if only_clock else self._decoded(message)
-        for address, steps in wanted:
-            if steps == (LOG_TIME,):
-                found[address].append(message.log_time_ns)
+        for read in wanted:
+            if read.steps == (LOG_TIME,):
+                read.values.append(message.log_time_ns)
                 continue
             try:
-                value = _at(fields, steps)
-            except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
-                place = self.place(address, len(found[address]))
-                there = [f"{message.topic}.{number.name}" for number in _numbers(fields)]
-                refusal = missing(self.path, address, there)
-                raise UnusableInput(f"{refusal} ({place})") from error
-            if not found[address] and (unit := _unit_at(fields, steps)) is not None:
-                self.fixed_units[address] = unit
-            found[address].append(_stamp(value) if address in stamps else value)
+                value, way, called = _at(fields, read.steps)
+            except (Lacking, IndexError) as error:  # for this message; others may have it
+                read.lacking = read.lacking or self._lacking(read, fields, error)
+                read.values.append(None)
+                continue
+            except (KeyError, TypeError, AttributeError, ValueError) as error:
+                raise self._lacking(read, fields, error) from error
+            self._require_same(read, called)
+            if not read.is_found and (unit := _unit_at(fields, way)) is not None:
+                self.fixed_units[read.address] = unit
+            read.is_found = True
+            read.values.append(_stamp(value) if read.address in stamps else value)
 
-    def _column(self, address: str, values: list[Any], is_stamp: bool) -> Values:
+    def _lacking(self, read: _Read, fields: Any, error: Exception) -> UnusableInput:
+        """The sentence for a message that lacks a field."""
+        place = self.place(read.address, len(read.values))
+        if isinstance(error, Lacking) and error.there:
+            named = ", ".join(map(repr, error.there[:_LONGEST_VECTOR]))
+            return refused(self.path, read.address, f"is not in {place}", f"that has {named}")
+        there = [f"{read.topic}.{number.name}" for number in _numbers(fields)]
+        return UnusableInput(f"{missing(self.path, read.address, there)} ({place})")
+
+    def _require_same(self, read: _Read, called: tuple[str, ...]) -> None:
+        """Refuse an index that is another joint, model or frame in another message."""
+        pairs = list(zip(read.called or called, called, strict=True))
+        other = next((now for before, now in pairs if before and now and before != now), None)
+        if other is not None:
+            place = self.place(read.address, len(read.values))
+            raise self._other(read, f"in {place} that of {other!r}")
+        read.called = tuple(before or now for before, now in pairs)
+
+    def _other(self, read: _Read, what: str) -> UnusableInput:
+        """The sentence for an index that is not the same element in all messages."""
+        own, by_name = next(filter(None, read.called)), _by_name(read)
+        advice = f"ask for it by its name, as {by_name!r}"
+        if by_name == read.address:
+            advice = "record what several send on topics of their own"
+        return refused(self.path, read.address, f"is that of {own!r}, and {what}", advice)
+
+    def _column(self, read: _Read, is_stamp: bool) -> Values:
+        address, values = read.address, read.values
         if not values:
             raise refused(self.path, address, "has no message", "choose another topic")
+        if read.lacking is not None and not read.is_found:
+            raise read.lacking
         plain = [float("nan") if value is None else value for value in values]
         for index, value in enumerate(plain):
             if not isinstance(value, int | float | np.number | np.bool_):
@@ -152,24 +210,66 @@ class MessageLog:
             ) from error
 
 
+def _fields(topic: str, seen: Sequence["_Number"]) -> Iterator[Field]:
+    """The numbers of a topic; by names where an index is now one element, now another."""
+    called: dict[str, set[tuple[str, ...]]] = {}
+    for n in seen:
+        called.setdefault(n.name, set()).add(n.called)
+    varies = any(len(names) > 1 for names in called.values())
+    for name, n in {n.by_name if varies else n.name: n for n in seen}.items():
+        of = "" if varies else next(filter(None, reversed(n.called)), "")
+        yield Field(f"{topic}.{name}", topic, n.unit, 0.0, n.remark, n.is_typed, n.is_aside, of=of)
+
+
 def _steps(path: Path, address: str, way: str) -> Steps:
-    found: list[str | int] = []
+    found: list[str | int | Named] = []
     at = 0
     while at < len(way):
         step = _STEP.match(way, at)
         if step is None:
             raise refused(path, address, "is no way to a field", "write it as in /arm.position[2]")
-        found.append(step[1] if step[1] is not None else int(step[2]))
+        found.append(step[1] or (int(step[2]) if step[2] else Named(step[3])))
         at = step.end()
     return tuple(found)
 
 
-def _at(fields: Any, steps: Steps) -> Any:
+def _at(fields: Any, steps: Steps) -> tuple[Any, tuple[str | int, ...], tuple[str, ...]]:
+    """The number at the end of a way, the way by indices, and what elements on it are called.
+
+    Raises Lacking where a list has no element of a name that is asked for.
+    """
+    above: list[Any] = []
+    way: list[str | int] = []
+    called: list[str] = []
     for step in steps:
-        fields = _part(fields, step)
+        at = index_of(above, fields, step.name) if isinstance(step, Named) else step
+        if isinstance(at, int):
+            called.append(name_at(above, fields, at))
+        above.append(fields)
+        way.append(at)
+        fields = _part(fields, at)
     if isinstance(fields, np.ndarray) and fields.ndim:
         raise TypeError("a whole vector")
-    return fields
+    return fields, tuple(way), tuple(called)
+
+
+def _by_name(read: _Read) -> str:
+    """An address with names in the place of indices, where the elements have any."""
+    address, called = read.topic, iter(read.called)
+    for step in read.steps:
+        if isinstance(step, str):
+            address += f".{step}"
+        else:
+            index = step.name if isinstance(step, Named) else step
+            name = next(called)
+            address += f"[{name if _is_way(name) else index}]"
+    return address
+
+
+def _is_way(name: str) -> bool:
+    """Whether an element can be asked for by its name: a number would be an index."""
+    step = _STEP.fullmatch(f"[{name}]")
+    return step is not None and step[3] is not None
 
 
 def _part(fields: Any, step: str | int) -> Any:
@@ -180,10 +280,10 @@ def _part(fields: Any, step: str | int) -> Any:
     return getattr(fields, step)
 
 
-def _unit_at(fields: Any, steps: Steps) -> str | None:
+def _unit_at(fields: Any, way: Sequence[str | int]) -> str | None:
     """The unit that the types of the messages on a way fix; None where they fix none."""
     unit = None
-    for step in steps:
+    for step in way:
         if isinstance(step, str) and not isinstance(fields, Mapping):
             unit = unit_of(str(getattr(fields, "__msgtype__", "")), step) or unit
         fields = _part(fields, step)
@@ -201,39 +301,59 @@ def _stamp(value: Any) -> Any:
 
 
 class _Number(NamedTuple):
-    """A number below some fields: the way to it, and what its message's type says of it."""
+    """A number below some fields: the way to it, and what its message's type says of it.
+
+    `called` are the names of the list's elements on the way, and `by_name` is the way by them.
+    """
 
     name: str
+    by_name: str
+    called: tuple[str, ...] = ()
     unit: str | None = None
     remark: str = ""
     is_typed: bool = False
     is_aside: bool = False
 
 
-_WHOLE = _Number("")
+_WHOLE = _Number("", "")
 
 
-def _numbers(fields: Any, at: _Number = _WHOLE, depth: int = 0) -> Iterator[_Number]:
-    """The numbers below some fields."""
+def _numbers(
+    fields: Any, at: _Number = _WHOLE, depth: int = 0, above: tuple[Any, ...] = ()
+) -> Iterator[_Number]:
+    """The numbers below some fields, which are within what is `above`, outermost first."""
+    within = (*above, fields)
     if isinstance(fields, bool | int | float | np.number | np.bool_):
         yield at
     elif isinstance(fields, list | tuple | np.ndarray):
         for i, part in enumerate(fields[:_LONGEST_VECTOR] if depth < _DEEPEST else ()):
-            yield from _numbers(part, at._replace(name=f"{at.name}[{i}]"), depth + 1)
+            element = _element(at, i, name_at(above, fields, i))
+            yield from _numbers(part, element, depth + 1, within)
     elif not isinstance(fields, str | bytes | type(None)) and depth < _DEEPEST:
         parts = fields if isinstance(fields, Mapping) else getattr(fields, "__dict__", {})
         kind = "" if isinstance(fields, Mapping) else str(getattr(fields, "__msgtype__", ""))
         for key, part in parts.items():
             if isinstance(key, str) and _STEP.fullmatch(key):
-                yield from _numbers(part, _below(at, kind, key), depth + 1)
+                yield from _numbers(part, _below(at, kind, key), depth + 1, within)
+
+
+def _element(at: _Number, index: int, name: str) -> _Number:
+    """An element of a list."""
+    return at._replace(
+        name=f"{at.name}[{index}]",
+        by_name=f"{at.by_name}[{name if _is_way(name) else index}]",
+        called=(*at.called, name),
+    )
 
 
 def _below(at: _Number, kind: str, key: str) -> _Number:
     """A field of a message, or of one within it: what is said of it holds for all below."""
-    return _Number(
-        f"{at.name}.{key}" if at.name else key,
-        unit_of(kind, key) or at.unit,
-        remark_on(kind, key) or at.remark,
-        bool(kind) or at.is_typed,
-        is_aside(kind, key) or at.is_aside,
+    dot = "." if at.name else ""
+    return at._replace(
+        name=f"{at.name}{dot}{key}",
+        by_name=f"{at.by_name}{dot}{key}",
+        unit=unit_of(kind, key) or at.unit,
+        remark=remark_on(kind, key) or at.remark,
+        is_typed=bool(kind) or at.is_typed,
+        is_aside=is_aside(kind, key) or at.is_aside,
     )

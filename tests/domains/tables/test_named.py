@@ -1,0 +1,130 @@
+"""What messages call the elements of their lists: joints, models and frames, by their names."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.reading import read_recordings
+
+STEP_NS, START_NS = 10_000_000, 1_700_000_000 * 10**9
+
+
+def joints(name: Sequence[str], position: Sequence[float]) -> dict[str, Any]:
+    """A message as sensor_msgs/JointState."""
+    return {"name": list(name), "position": list(position)}
+
+
+def transforms(**ahead_m: float) -> dict[str, Any]:
+    """A message as tf2_msgs/TFMessage."""
+    return {
+        "transforms": [
+            {"child_frame_id": frame, "transform": {"translation": {"x": x}}}
+            for frame, x in ahead_m.items()
+        ]
+    }
+
+
+ONE = [joints("ab", [k, -k]) for k in range(100)]
+TURNED = ONE[:50] + [joints("ba", [-k, k]) for k in range(50, 100)]
+TWO = [joints("ab", [k, -k]) if k % 2 == 0 else joints(["grip/l.0"], [0.5]) for k in range(100)]
+FRAMES = [transforms(base=k) if k % 2 == 0 else transforms(arm=-1.0, hand=k) for k in range(100)]
+
+
+def log(folder: Path, messages: Sequence[dict[str, Any]]) -> Path:
+    """An MCAP file with these messages on /m, at 100 Hz."""
+    from mcap.writer import Writer
+
+    path = folder / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/m", "json", 0)
+        for k, message in enumerate(messages):
+            at_ns = START_NS + k * STEP_NS
+            writer.add_message(channel, at_ns, json.dumps(message).encode(), at_ns)
+        writer.finish()
+    return path
+
+
+def read(path: Path, address: str, more: str = "") -> Recording:
+    """The only recording of one column, `x`."""
+    text = f'version = 1\n[columns.x]\ncolumn = "{address}"\nrole = "output"\nunit = "1"\n{more}'
+    (recording,) = read_recordings([path], parse_columns(text)).recordings
+    return recording
+
+
+def test_a_joint_is_found_by_its_name_in_whatever_order(tmp_path: Path) -> None:
+    path = log(tmp_path, TURNED)
+    assert read(path, "/m.position[a]").columns["x"].tolist() == list(range(100))
+    assert read(path, "/m.position[b]").columns["x"].tolist() == [-k for k in range(100)]
+
+
+def test_an_index_that_is_one_joint_now_and_another_later_is_refused(tmp_path: Path) -> None:
+    said = (
+        r"'/m.position\[0\]' is that of 'a', and in message {} that of '{}'; "
+        r"ask for it by its name, as '/m.position\[a\]'"
+    )
+    for messages, at, other in ((TURNED, 50, "b"), (TWO, 1, "grip/l.0")):
+        with pytest.raises(UnusableInput, match=said.format(at, other)):
+            read(log(tmp_path, messages), "/m.position[0]")
+    numbered = [joints("12" if k % 2 else "21", [0.0, 1.0]) for k in range(20)]
+    with pytest.raises(UnusableInput, match="record what several send on topics of their own"):
+        read(log(tmp_path, numbered), "/m.position[0]")
+
+
+def test_an_index_that_is_one_joint_all_along_is_read(tmp_path: Path) -> None:
+    assert read(log(tmp_path, ONE), "/m.position[1]").columns["x"].tolist() == [
+        -k for k in range(100)
+    ]
+    unnamed = [joints([], [k]) if k < 10 else joints("a", [k]) for k in range(100)]
+    assert read(log(tmp_path, unnamed), "/m.position[0]").columns["x"].tolist() == list(range(100))
+
+
+@pytest.mark.parametrize("address", ["/m.position[b]", "/m.position[1]"])
+def test_a_message_that_lacks_a_joint_is_a_sample_without_a_number(
+    tmp_path: Path, address: str
+) -> None:
+    path = log(tmp_path, TWO)
+    with pytest.raises(UnusableInput, match='has no number in message 1; give missing = "nan"'):
+        read(path, address)
+    (numbers,) = read(path, address, 'missing = "nan"\n').columns.values()
+    assert numbers[::2].tolist() == [-k for k in range(0, 100, 2)]
+    assert np.isnan(numbers[1::2]).all()
+
+
+def test_a_name_that_no_message_has_is_refused_with_those_there_are(tmp_path: Path) -> None:
+    with pytest.raises(UnusableInput, match=r"\[wrist\]' is not in message 0; that has 'a', 'b'"):
+        read(log(tmp_path, TWO), "/m.position[wrist]")
+    with pytest.raises(UnusableInput, match=r"position\[2\]' is not there; it has"):
+        read(log(tmp_path, TWO), "/m.position[2]")
+
+
+def test_a_frame_is_found_by_its_own_name(tmp_path: Path) -> None:
+    path, way = log(tmp_path, FRAMES), "transform.translation.x"
+    (numbers,) = read(path, f"/m.transforms[hand].{way}", 'missing = "nan"\n').columns.values()
+    assert numbers[1::2].tolist() == list(range(1, 100, 2))
+    with pytest.raises(UnusableInput, match="is that of 'base', and in message 1 that of 'arm'"):
+        read(path, f"/m.transforms[0].{way}")
+
+
+def test_guess_lists_by_name_what_an_index_does_not_tell(tmp_path: Path) -> None:
+    text = guess_columns(log(tmp_path, TWO))
+    assert 'column = "/m.position[grip/l.0]"' in text
+    assert 'column = "/m.position[a]"\nrole = "unused"\nunit = "1"' in text
+    assert "[0]" not in text
+    assert text.count('missing = "hold"') == 3
+    text = guess_columns(log(tmp_path, ONE))
+    assert '[columns.m_position_1]  # -99 to 0, of b\ncolumn = "/m.position[1]"' in text
+
+
+def test_guess_looks_beyond_a_message_that_is_empty(tmp_path: Path) -> None:
+    text = guess_columns(log(tmp_path, [joints([], []), *ONE[1:]]))
+    assert 'column = "/m.position[1]"' in text
