@@ -134,6 +134,47 @@ def test_all_files_of_a_bag_are_read_in_the_order_of_their_numbers(tmp_path: Pat
     assert len(read.notes) == 1  # and none on stamps that fall
 
 
+@pytest.mark.parametrize("kind", ["db3", "mcap"])
+def test_a_bag_of_a_recorder_that_was_killed_is_read_by_the_names_of_its_files(
+    tmp_path: Path, kind: str
+) -> None:
+    """It wrote no metadata.yaml, and guessing took each part for a recording of its own."""
+    bag = rover_bag(tmp_path / "bag", kind)
+    whole = read_recordings([bag], parse_columns(COLUMNS)).recordings[0].columns["x_m"]
+    (first,) = bag.glob(f"*.{kind}")
+    later = rover_bag(tmp_path / "later", kind, START_NS + 40 * STEP_NS)
+    first.rename(bag / f"bag_0.{kind}")
+    next(later.glob(f"*.{kind}")).rename(bag / f"bag_1.{kind}")
+    (bag / "metadata.yaml").unlink()
+    read = read_recordings([bag], parse_columns(COLUMNS))
+    assert read.recordings[0].columns["x_m"].tolist() == [*whole, *whole]
+    assert read.notes == (
+        f"{bag}: it has no metadata.yaml; all of its .{kind} files are read without it",
+    )
+    assert "file = " not in guess_columns(bag)
+    (tmp_path / "bags").mkdir()
+    bag.rename(tmp_path / "bags" / "bag")
+    assert all("holds bags (bag); give these" in said for said in told(tmp_path / "bags"))
+
+
+@pytest.mark.parametrize("names", [("a_0.db3", "b_0.db3"), ("run_0.mcap", "run_1.mcap")])
+def test_recordings_beside_each_other_are_no_bag(tmp_path: Path, names: tuple[str, str]) -> None:
+    for name in names:
+        bag = rover_bag(tmp_path / Path(name).stem, name.rpartition(".")[2])
+        (tmp_path / "logs").mkdir(exist_ok=True)
+        next(bag.glob(f"*{Path(name).suffix}")).rename(tmp_path / "logs" / name)
+    with pytest.raises(UnusableInput, match="is a folder; say in which of its files"):
+        read_recordings([tmp_path / "logs"], parse_columns(COLUMNS))
+
+
+@pytest.mark.parametrize("kind", ["db3", "mcap"])
+def test_messages_that_are_compressed_one_by_one_are_said(tmp_path: Path, kind: str) -> None:
+    bag = rover_bag(tmp_path / "bag", kind, is_packed=True)
+    (file,) = bag.glob(f"*.{kind}")
+    said = f"{file}: its messages are compressed; `ros2 bag convert` writes them without"
+    assert all(said in sentence for sentence in told(file))
+
+
 def test_a_bag_of_which_files_or_all_are_missing_is_refused(tmp_path: Path) -> None:
     bag = rover_bag(tmp_path / "bag", "db3")
     for file in bag.glob("*.db3"):
@@ -145,7 +186,7 @@ def test_a_bag_of_which_files_or_all_are_missing_is_refused(tmp_path: Path) -> N
         read_recordings([bag], parse_columns(COLUMNS))
 
 
-def rover_bag(path: Path, kind: str) -> Path:
+def rover_bag(path: Path, kind: str, start_ns: int = START_NS, *, is_packed: bool = False) -> Path:
     """Two seconds of a rover that drives ahead, as SQLite or as MCAP."""
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     from rosbags.typesys import Stores, get_typestore
@@ -154,10 +195,13 @@ def rover_bag(path: Path, kind: str) -> Path:
     kinds: dict[str, Any] = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
     plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
     vector, none36 = kinds["Vector3"], np.zeros(36)
-    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as bag:
+    writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+    if is_packed:
+        writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
+    with writer as bag:
         topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
         for k in range(40):
-            ns = START_NS + STEP_NS * k
+            ns = start_ns + STEP_NS * k
             stamp = kinds["Time"](sec=ns // 10**9, nanosec=ns % 10**9)
             twist = kinds["Twist"](vector(2.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
             ahead = kinds["Quaternion"](0.0, 0.0, 0.0, 1.0)

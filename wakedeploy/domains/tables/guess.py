@@ -335,6 +335,8 @@ def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
     nearly = next((said for said in texts if "mend" in said), None)
     if nearly is not None:
         return UnusableInput(f"{path}: holds no column of numbers; {' '.join(nearly.split())}.")
+    if said := [note for file in files for note in file.log.notes]:
+        return UnusableInput(f"{said[-1]}; so it holds no column of numbers.")
     if unread is None:
         return UnusableInput(
             f"{path}: holds no column of numbers; give another file, or a table of text a "

@@ -4,6 +4,7 @@ In: a path. Out: a `Log`, opened by the module of its kind in `formats`.
 """
 
 import importlib
+import re
 from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput
@@ -66,8 +67,28 @@ def seen_form(path: Path) -> Delimited:
 
 
 def is_log(path: Path) -> bool:
-    """Whether a path is one log: a file, or a folder that rosbag2 wrote."""
-    return not path.is_dir() or (path / "metadata.yaml").is_file()
+    """Whether a path is one log: a file, or a folder that rosbag2 wrote.
+
+    A recorder that was killed leaves no metadata.yaml. Its files are known by their names then.
+    """
+    return not path.is_dir() or (path / "metadata.yaml").is_file() or bool(_parts(path))
+
+
+def _parts(folder: Path) -> list[Path]:
+    """The files of a folder that are the parts of one bag, and all of its logs; else none.
+
+    rosbag2 numbers them behind the bag's name, which is the folder's. MCAP files of other names may
+    be recordings of their own.
+    """
+    files = [p for p in folder.iterdir() if p.is_file() and _is_named_as_log(p)]
+    stems = {re.sub(r"_\d+$", "", p.stem) for p in files}
+    kinds = {p.suffix.lower() for p in files}
+    is_bag = kinds == {".db3"} or (kinds == {".mcap"} and stems == {folder.absolute().name})
+    return files if is_bag and len(stems) == 1 else []
+
+
+def _is_named_as_log(path: Path) -> bool:
+    return path.suffix.lower() in _FORMATS and path.suffix.lower() != ".txt"
 
 
 def of_bags(folder: Path) -> UnusableInput | None:
@@ -76,7 +97,7 @@ def of_bags(folder: Path) -> UnusableInput | None:
     Who keeps tables beside them has taken these from the bags, and means them.
     """
     inside = sorted(folder.iterdir())
-    if any(p.suffix.lower() in _FORMATS and p.suffix.lower() != ".txt" for p in inside):
+    if any(_is_named_as_log(p) for p in inside):
         return None
     old = next((p for p in inside if p.suffix.lower() == ".bag" and p.is_file()), None)
     if old is not None:
@@ -93,8 +114,8 @@ def of_bags(folder: Path) -> UnusableInput | None:
 
 
 def _bag_in(folder: Path) -> str:
-    """A folder that is a bag, or its first part where it lacks a metadata.yaml; else nothing."""
-    if is_log(folder):
+    """A folder that is a bag, or its only part where it lacks a metadata.yaml; else nothing."""
+    if (folder / "metadata.yaml").is_file() or len(_parts(folder)) > 1:
         return folder.name
     parts = (p.name for ending in ("db3", "zstd") for p in folder.glob(f"*.{ending}"))
     part = min(parts, default="")

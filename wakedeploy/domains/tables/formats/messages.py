@@ -29,6 +29,7 @@ LOG_TIME = "log_time"
 _LOOKED_AT = 20  # messages of a topic for its fields: the first may be empty
 _LONGEST_VECTOR = 32  # numbers of one that are listed
 _DEEPEST = 8
+_ZSTD = b"\x28\xb5\x2f\xfd"  # as what rosbag2 compresses message by message begins
 _STEP = re.compile(r"\.?([A-Za-z_][^.\[\]]*)|\[([0-9]{1,6})\]|\[([^\[\]]{1,100})\]")
 
 
@@ -204,6 +205,11 @@ class MessageLog:
         except UnusableInput:
             raise
         except Exception as error:  # decoders share no base class; all mean: damaged
+            if message.content.startswith(_ZSTD):
+                raise UnusableInput(
+                    f"{self.path}: its messages are compressed; `ros2 bag convert` writes them"
+                    " without compression."
+                ) from error
             raise UnusableInput(
                 f"{self.path}: a message of {message.topic} cannot be decoded"
                 f" ({str(error) or type(error).__name__}); copy or record it again."

@@ -1,6 +1,7 @@
 """rosbag2: a folder with metadata.yaml, or one of its .db3 files; MCAP ones are read as such.
 
-A loss of power leaves a metadata.yaml that is empty or cut off. The files are read without it then.
+A loss of power leaves no metadata.yaml, or one that is empty or cut off. The files are read without
+it then.
 """
 
 import contextlib
@@ -71,8 +72,10 @@ def _as_recorded(file: Path) -> tuple[int, str]:
 def _lost_description(path: Path) -> str:
     """What is wrong with the metadata.yaml of a folder; nothing where it can be used."""
     description = path / "metadata.yaml"
-    if not description.is_file():
+    if not path.is_dir():
         return ""
+    if not description.is_file():
+        return "it has no metadata.yaml"
     try:
         text = text_of(description)
     except (OSError, ValueError):
