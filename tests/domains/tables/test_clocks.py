@@ -159,3 +159,28 @@ def test_one_columns_file_reads_logs_of_several_formats_whose_columns_are_called
     np.savetxt(folder / "arm.csv", table, "%.18g", ",", header="t,q")
     (one,) = read(folder, TIME + U + 'file = "cmd.npz"\n' + Q + 'file = "arm.csv"\n').recordings
     assert np.array_equal(one.columns["q"], np.cos(t))
+
+
+def test_a_clock_that_stands_still_is_refused_by_its_name(tmp_path: Path) -> None:
+    """A header that no node filled, and a date that single precision keeps to two minutes."""
+    from mcap.writer import Writer
+
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/js", "json", 0)
+        for k in range(100):
+            content = {"x": float(k), "header": {"stamp": {"sec": 0, "nanosec": 0}}}
+            writer.add_message(channel, k * 10_000_000, json.dumps(content).encode(), 0)
+        writer.finish()
+    text = 'version = 1\n[columns.x]\ncolumn = "/js.x"\nrole = "output"\nunit = "1"\n'
+    said = r"'/js\.header\.stamp' stands still at 0; leave it out: /js\.log_time counts then"
+    with pytest.raises(UnusableInput, match=said):
+        read(path, text + 'time = "/js.header.stamp"\n')
+    (one,) = read(path, text).recordings
+    assert one.rate_hz == pytest.approx(100.0)
+    dates_s = np.float32(1.73e9 + np.arange(300) / 100)
+    np.savez(tmp_path / "log.npz", t=dates_s, q=np.sin(np.arange(300)))
+    with pytest.raises(UnusableInput, match=r"'t' stands still at 17.*; give another column"):
+        read(tmp_path / "log.npz", TIME + Q)

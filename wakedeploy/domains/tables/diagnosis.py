@@ -1,6 +1,7 @@
 """Why a log has no stretch that all of its columns cover: clocks apart, or a wrong unit of time.
 
-In: columns with their stamps, and what `columns.toml` asks for. Out: a sentence with what to do.
+In: a clock, or columns with their stamps, and what `columns.toml` asks for. Out: a sentence with
+what to do.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,10 +11,23 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.columns import Columns
-from wakedeploy.domains.tables.series import Series
+from wakedeploy.domains.tables.log import Values
+from wakedeploy.domains.tables.series import Place, Series
 
 _MOST_TICKS = 50.0  # to a sample of the column that has most: more say that the unit is wrong
+_FEW_STAMPS = 10  # may be of one moment
 _LITTLE = 0.5  # of the shorter of two columns, that both cover
+
+
+def require_running(place: Place, stamps: Values) -> None:
+    """Refuse a clock that stands still: a header that nobody fills, a date in single precision."""
+    if place.clock is None or len(stamps) < _FEW_STAMPS or (stamps != stamps[0]).any():
+        return
+    own = place.log.clock_of(place.addresses[0])
+    advice = "give another column of stamps, or [time] rate_hz"
+    if own is not None and own.address != place.clock.address:
+        advice = f"leave it out: {own.address} counts then"
+    raise place.clock_refused(f"stands still at {stamps[0]}", advice)
 
 
 def require_likely_rate(series: Sequence[Series], columns: Columns) -> None:

@@ -21,6 +21,7 @@ from wakedeploy.domains.tables.diagnosis import (
     no_stretch,
     require_common_time,
     require_likely_rate,
+    require_running,
 )
 from wakedeploy.domains.tables.formats.delimited import DelimitedLog
 from wakedeploy.domains.tables.formats.messages import MessageLog
@@ -254,6 +255,7 @@ class FileReader:
         assert place.clock is not None
         form = self.columns.time.format
         numbers = as_numbers(values, form, place.row, place.clock_refused)
+        require_running(place, numbers)
         if numbers.dtype.kind == "M":
             if np.isnat(numbers).any():
                 row = place.row(int(np.argmax(np.isnat(numbers))))
