@@ -9,6 +9,7 @@ import pytest
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.domains.tables.reading import Reading, read_recordings
 
 TIME = 'version = 1\n[time]\ncolumn = "t"\n'
@@ -184,3 +185,61 @@ def test_a_clock_that_stands_still_is_refused_by_its_name(tmp_path: Path) -> Non
     np.savez(tmp_path / "log.npz", t=dates_s, q=np.sin(np.arange(300)))
     with pytest.raises(UnusableInput, match=r"'t' stands still at 17.*; give another column"):
         read(tmp_path / "log.npz", TIME + Q)
+
+
+START_NS = 1_730_000_000_980_000_000
+IN_TWO = '[time]\ncolumn = "stamp.sec"\nnanoseconds = "stamp.nanosec"\n'
+
+
+def in_two(path: Path, header: str = "stamp.sec,stamp.nanosec,frame,q") -> Path:
+    """Four seconds at 100 Hz as tools for ROS write a stamp: seconds, and nanoseconds beyond."""
+    stamps_ns = [START_NS + 10_000_000 * k for k in range(400)]
+    rows = [f"{ns // 10**9},{ns % 10**9},base,{np.sin(ns / 1e8):.6f}" for ns in stamps_ns]
+    path.write_text("\n".join([header] * bool(header) + rows) + "\n")
+    return path
+
+
+def test_seconds_and_nanoseconds_are_one_clock(tmp_path: Path) -> None:
+    path = in_two(tmp_path / "log.csv")
+    reading = read_recordings([path], parse_columns("version = 1\n" + IN_TWO + Q))
+    (one,) = reading.recordings
+    assert (len(one.time_s), one.rate_hz) == (400, pytest.approx(100.0))
+    assert not reading.notes
+    for wrong, said in (
+        (IN_TWO.replace("stamp.sec", "q"), r"'q' with nanoseconds: .* is no whole second"),
+        (IN_TWO.replace(".nanosec", ".sec"), "17300.* in line 2 is no nanoseconds of one"),
+        (IN_TWO + 'unit = "ms"\n', 'whole seconds in `column`: unit = "s"'),
+        ('[time]\nrate_hz = 100\nnanoseconds = "q"\n', "are for whole seconds in `column`"),
+    ):
+        with pytest.raises(UnusableInput, match=said):
+            read(path, "version = 1\n" + wrong + Q)
+
+
+@pytest.mark.parametrize("header", ["stamp.sec,stamp.nanosec,frame,q", "sec,nsec,frame,q", ""])
+def test_guess_sees_seconds_and_nanoseconds(tmp_path: Path, header: str) -> None:
+    """Nanoseconds alone were the clock, and ended a recording with each second."""
+    whole, beyond, _, q = header.split(",") if header else ("#1", "#2", "", "#4")
+    text = guess_columns(in_two(tmp_path / "log.csv", header))
+    assert f'nanoseconds = "{beyond}"\n# about 100 Hz, 3.99 s\n' in text
+    assert text.count(f'"{whole}"') == 1
+    assert "falling" not in text
+    given = text.replace('"unused"', '"output"')
+    (one,) = read_recordings([tmp_path / "log.csv"], parse_columns(given)).recordings
+    assert len(one.time_s) == 400
+    assert f'column = "{q}"' in text
+
+
+def test_guess_takes_no_counter_beside_whole_numbers_for_a_clock(tmp_path: Path) -> None:
+    rows = (f"{mode},{20 * k},{k * k % 7}" for k, mode in enumerate([0] * 50 + [1] * 50))
+    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
+    assert "nanoseconds" not in guess_columns(tmp_path / "log.csv")
+
+
+def test_guess_takes_the_time_of_a_simulation_and_lists_that_of_the_wall(tmp_path: Path) -> None:
+    t = np.arange(400) / 100
+    wall_s = np.cumsum(0.01 / (0.7 + 0.3 * np.sin(t)))
+    np.savez(tmp_path / "log.npz", wall_time=wall_s, sim_time=t, q=np.sin(t))
+    text = guess_columns(tmp_path / "log.npz")
+    assert '[time]\ncolumn = "sim_time"\nunit = "s"  # ?\n# about 100 Hz' in text
+    assert 'column = "wall_time"' in text
+    assert "[resample]" not in text

@@ -55,6 +55,8 @@ class TimeBase(_Table):
     """The column of stamps; None for the log's own clock (ULog, MCAP, rosbag2) or for a rate."""
     unit: str | None = None
     """The unit of the stamps; by default seconds, or what the log's own clock counts in."""
+    nanoseconds: Address | None = None
+    """The column of nanoseconds beyond the whole seconds of `column`, as ROS has its stamps."""
     format: str | None = None
     """How stamps that are texts are written, as `strptime` takes it, or "iso"."""
     rate_hz: float | None = Field(default=None, ge=0, le=_MOST_HZ)
@@ -68,6 +70,11 @@ class TimeBase(_Table):
     def _one_source(self) -> "TimeBase":
         if self.rate_hz is not None and self.column is not None:
             raise ValueError("give either a column of stamps or a rate_hz, not both")
+        if self.nanoseconds is not None:
+            if self.column is None or self.format is not None:
+                raise ValueError("nanoseconds are for whole seconds in `column`, without a format")
+            if self.unit not in (None, "s"):
+                raise ValueError('nanoseconds are for whole seconds in `column`: unit = "s"')
         if self.rate_hz == 0.0:
             raise ValueError("rate_hz is still 0: give the samples a second, or a column of stamps")
         return self

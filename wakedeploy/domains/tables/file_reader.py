@@ -51,6 +51,7 @@ from wakedeploy.domains.tables.stamps import (
     origin_s,
     seconds_in,
     timeline,
+    whole_ns,
     whole_start_s,
 )
 from wakedeploy.domains.tables.wanted import Wanted
@@ -147,7 +148,8 @@ class FileReader:
             is_scaled = (column.scale, column.offset) != (1.0, 0.0)  # millivolts may be newtons
             if column.column is not None and not is_scaled:
                 log.require_unit(column.address, column.unit)
-            if clock is not None and self.columns.time.format is None:
+            has_unit = clock is not None and clock.nanoseconds is None
+            if clock is not None and has_unit and self.columns.time.format is None:
                 log.require_unit(clock.address, clock.unit)
         return Place(log, column.address, clock, column.addresses)
 
@@ -161,6 +163,8 @@ class FileReader:
             return None
         if base.column is not None:
             topic = clock.address.rpartition(".")[0] + "." if clock else ""
+            if base.nanoseconds is not None:
+                return Clock(topic + base.column, "ns", topic + base.nanoseconds)
             return Clock(topic + base.column, unit)
         if clock is None:
             raise UnusableInput(
@@ -178,8 +182,10 @@ class FileReader:
             logs[key] = place.log
             addresses.setdefault(key, set()).update(place.addresses)
             if place.clock is not None:
-                addresses[key].add(place.clock.address)
-                stamps.setdefault(key, set()).add(place.clock.address)
+                both = (place.clock.address, place.clock.nanoseconds)
+                of_clock = {address for address in both if address is not None}
+                addresses[key] |= of_clock
+                stamps.setdefault(key, set()).update(of_clock)
         return {
             (key, address): values
             for key, log in logs.items()
@@ -220,7 +226,7 @@ class FileReader:
                 longest = max(lengths.get(key, 0), len(raw[id(place.log), place.addresses[0]]))
                 lengths[key] = longest
             elif key not in found:
-                found[key] = self._clock(place, raw[id(place.log), place.clock.address])
+                found[key] = self._clock(place, _counted(place, raw))
         if found and is_time_of_day(self.columns.time.format):
             found = self._past_midnight(places, found)
         starts = [whole_start_s(values, seconds) for values, seconds in found.values()]
@@ -268,7 +274,8 @@ class FileReader:
             advice = "correct its unit in [time], or time_unit"
             raise place.clock_refused(f"has no unit of time: {error}", advice) from error
         named = contradicted(place.clock.address.partition("[")[0].lower(), unit)
-        if form is None and named is not None and same_dimension(named, "s"):
+        is_one = form is None and place.clock.nanoseconds is None
+        if is_one and named is not None and same_dimension(named, "s"):
             self.notes.append(
                 f"{place.log.path}, column {place.clock.address!r}: read as stamps in {unit}, and"
                 f" its name says {named}; check the unit in [time], or time_unit"
@@ -506,6 +513,18 @@ def _stated_units(log: Log) -> Mapping[str, str | None]:
 
 def _samples(series: Sequence[Series]) -> int:
     return sum(len(column.values) for column in series)
+
+
+def _counted(place: Place, raw: Mapping[tuple[int, str], Values]) -> Values:
+    """What a clock counts, from one column of stamps or two."""
+    assert place.clock is not None
+    key, beyond = id(place.log), place.clock.nanoseconds
+    whole = raw[key, place.clock.address]
+    return (
+        whole
+        if beyond is None
+        else whole_ns(whole, raw[key, beyond], place.row, place.clock_refused)
+    )
 
 
 def _clock_key(place: Place) -> tuple[int, str]:

@@ -359,11 +359,12 @@ def _seen(name: str, log: Log, asked: Sequence[Asked]) -> _File:
         fields.sort(key=lambda field: not any(may_be(each, field.name) for each in asked))
     has_own_clock = any(log.clock_of(field.name) for field in fields)
     timing = Timing(()) if has_own_clock else timing_of(log, log.fields())
-    listed = [field for field in fields[:MOST_COLUMNS] if field.name != timing.column]
+    of_clock = (timing.column, timing.nanoseconds)
+    listed = [field for field in fields[:MOST_COLUMNS] if field.name not in of_clock]
     values = _all_values(log, listed)
     clocks = clocks_of(log, listed, timing, values)
     used = {clock.column for clock in clocks.values()}
-    unlisted = left_out(log, values, {timing.column, *used})
+    unlisted = left_out(log, values, {*of_clock, *used})
     values = {column: numbers for column, numbers in values.items() if column not in used}
     clocks = {column: clock for column, clock in clocks.items() if column not in used}
     return _File(name, log, fields, has_own_clock, timing, values, clocks, unlisted)

@@ -3,6 +3,7 @@
 In: a log. Out: a `Timing`: lines for [time] of a first `columns.toml`, and the stamps they mean.
 """
 
+import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +25,7 @@ from wakedeploy.domains.tables.stamps import (
     is_set_back,
     origin_s,
     seconds_in,
+    whole_ns,
     whole_start_s,
 )
 
@@ -31,7 +33,9 @@ Vector = NDArray[np.float64]
 
 MOST_COLUMNS = 400
 _LATEST_S = 1e12
+_BEYOND = re.compile(r"(nano_?sec(?:ond)?s?|nsecs?)$", re.I)  # a whole second, as ROS has stamps
 _TIME_NAMES = (
+    r"sim(ulation)?_?(time|t|clock|stamp)(_?(s|ms|us|ns|sec|usec))?",  # not the wall's, if both are
     r"t|time|times?tamp|stamps?|t_s|time_s|sec|secs|seconds|zeit|clock",
     r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
     r".*time.*|.*stamp.*",
@@ -58,12 +62,16 @@ _COMMANDED = re.compile(  # by its name: what drives a system, and is held betwe
 
 @dataclass(frozen=True)
 class Timing:
-    """What was seen of a clock: lines for the file, its column and unit, and its stamps."""
+    """What was seen of a clock: lines for the file, its column and unit, and its stamps.
+
+    `nanoseconds` is the column of those beyond the whole seconds of its column.
+    """
 
     lines: tuple[str, ...]
     column: str | None = None
     unit: str | None = None
     stamps_s: Vector | None = None
+    nanoseconds: str | None = None
 
 
 def own_timing(log: Log, fields: Sequence[Field]) -> tuple[Timing, tuple[str, ...]]:
@@ -96,6 +104,8 @@ def timing_of(log: Log, fields: Sequence[Field]) -> Timing:
     for field in fields:  # texts that are dates are a clock, whatever they are called
         if field.example is None and (found := _clock(log, field)) is not None:
             return found
+    if (found := _without_names(log, fields)) is not None:
+        return found
     like = [field for field in fields if _is_like_time(field)]
     for field in like:
         if (found := even_clock(log, field)) is not None:
@@ -207,6 +217,8 @@ def _is_one_after_the_other(stamps_s: Vector, values: Mapping[str, Values]) -> b
 
 def _clock(log: Log, field: Field) -> Timing | None:
     """A field as the clock; None where it does not rise."""
+    if (both := _of_two(log, field)) is not None:
+        return both
     try:
         values = log.read([field.name], [field.name])[field.name]
     except UnusableInput:
@@ -238,6 +250,59 @@ def _clock(log: Log, field: Field) -> Timing | None:
     if form == "datetime64":
         lines.append("# dates and times, which say what they count in: no unit is needed")
     return Timing(tuple(lines), field.name, None if form else unit, stamps_s)
+
+
+def _of_two(log: Log, field: Field) -> Timing | None:
+    """A clock of whole seconds and the nanoseconds beyond, of either column; else None."""
+    pairs = _pairs([other.name for other in log.fields()])
+    both = next((pair for pair in pairs if field.name in pair), None)
+    counted = None if both is None else _counted(log, *both)
+    if both is None or counted is None:
+        return None
+    start_s = whole_start_s(counted, seconds_in("ns"))
+    stamps_s = in_seconds(counted, seconds_in("ns"), origin_s([start_s or 0]))
+    if (about := _about(stamps_s)) is None:
+        return None
+    whole, beyond = both
+    lines = (f"column = {toml(whole)}", 'unit = "s"', f"nanoseconds = {toml(beyond)}", about)
+    return Timing(lines, whole, "s", stamps_s, beyond)
+
+
+def _pairs(names: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """The columns that are whole seconds and nanoseconds by their names."""
+    for beyond in filter(_BEYOND.search, names):
+        stem = _BEYOND.sub("", beyond).lower()
+        ends = [f"{stem}{end}" for end in ("sec", "secs", "second", "seconds")]
+        yield from ((name, beyond) for name in names if name.lower() in ends)
+
+
+def _counted(log: Log, whole: str, beyond: str) -> Values | None:
+    """Stamps [ns] of whole seconds and nanoseconds; None for columns that are no such."""
+    try:
+        read = log.read([whole, beyond], [whole, beyond])
+        return whole_ns(read[whole], read[beyond], str, _never)
+    except (UnusableInput, TypeError, ValueError):  # texts among them
+        return None
+
+
+def _without_names(log: Log, fields: Sequence[Field]) -> Timing | None:
+    """The clock of two columns side by side in a table without names, as `ros2 topic echo` writes.
+
+    Seconds stand still for some rows, nanoseconds begin again where one ends, and both together
+    rise with each row.
+    """
+    names = [field.name for field in fields[:MOST_COLUMNS] if field.name.startswith("#")]
+    for whole, beyond in itertools.pairwise(names):
+        counted = _counted(log, whole, beyond)
+        if counted is None or len(counted) < _FEW_STAMPS or not (np.diff(counted) > 0).all():
+            continue
+        seconds, beyond_ns = np.divmod(counted, 10**9)
+        begins_again = bool((np.diff(beyond_ns) < 0).any() and (np.diff(seconds) == 0).any())
+        if begins_again and (about := _about(counted / 1e9)) is not None:
+            lines = (f"column = {toml(whole)}  # ? with nanoseconds it rises", 'unit = "s"',
+                     f"nanoseconds = {toml(beyond)}", about)  # fmt: skip
+            return Timing(lines, whole, "s", (counted - counted[0]) / 1e9, beyond)
+    return None
 
 
 def _about(stamps_s: Vector) -> str | None:

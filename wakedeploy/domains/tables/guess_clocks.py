@@ -20,14 +20,15 @@ def clocks_of(
     """The clock of each column that has not the first one; where none fits, the first stays."""
     if first.stamps_s is None:
         return {}
-    by_name = {clock.column: clock for clock in called_times(log, log.fields())}
+    called = called_times(log, log.fields())
+    by_name = {clock.column: clock for clock in called if clock.nanoseconds is None}
     clocks = [first, *(clock for name, clock in by_name.items() if name != first.column)]
     for field in fields:  # where no clock that is called so has its length
         seen = values.get(field.name)
         if seen is not None and len(seen) > 1 and not any(_fits(clock, seen) for clock in clocks):
             clocks += _even(log, fields, values, len(seen))
     found = {name: _clock_of(name, seen, clocks) for name, seen in values.items()}
-    return {name: clock for name, clock in found.items() if clock is not first}
+    return {name: c for name, c in found.items() if c is not first and c.column != name}
 
 
 def _even(

@@ -45,10 +45,14 @@ class Field:
 
 
 class Clock(NamedTuple):
-    """The address of stamps, and the unit that they count in."""
+    """The address of stamps, and the unit that they count in.
+
+    Where `nanoseconds` is the address of those beyond whole seconds, both together count in ns.
+    """
 
     address: str
     unit: str
+    nanoseconds: str | None = None
 
 
 class Log(Protocol):

@@ -160,6 +160,25 @@ def origin_s(starts_s: list[int]) -> int:
     return first if abs(first) >= _DATES_BEGIN_S else 0
 
 
+def whole_ns(seconds: Values, nanoseconds: Values, row: Place, refuse: Refuse) -> Values:
+    """Stamps [ns] (n,) of whole seconds and the nanoseconds beyond them; UnusableInput by row."""
+    for values, is_wrong, reason in (
+        (seconds, as_floats(seconds) != np.floor(as_floats(seconds)), "no whole second"),
+        (
+            nanoseconds,
+            ~(np.abs(as_floats(nanoseconds) / 1e9 - 0.5) <= 0.5),
+            "no nanoseconds of one",
+        ),
+    ):
+        if is_wrong.any():
+            at = int(np.argmax(is_wrong))
+            raise refuse(
+                f"with nanoseconds: {values[at]} in {row(at)} is {reason}",
+                "mend it, or leave [time] nanoseconds out",
+            )
+    return np.asarray(seconds).astype(np.int64) * 10**9 + np.asarray(nanoseconds).astype(np.int64)
+
+
 def in_seconds(values: Values, seconds: Fraction, origin: int) -> Vector:
     """Stamps in seconds since the origin, which is taken off before digits are lost."""
     zero = origin / seconds
