@@ -12,6 +12,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.guess_asked import Asked
 from wakedeploy.domains.tables.reading import read_recordings
 
 STEP_NS, START_NS = 10_000_000, 1_700_000_000 * 10**9
@@ -128,3 +129,15 @@ def test_guess_lists_by_name_what_an_index_does_not_tell(tmp_path: Path) -> None
 def test_guess_looks_beyond_a_message_that_is_empty(tmp_path: Path) -> None:
     text = guess_columns(log(tmp_path, [joints([], []), *ONE[1:]]))
     assert 'column = "/m.position[1]"' in text
+
+
+def test_guess_finds_what_a_system_asks_for_by_the_joints_names(tmp_path: Path) -> None:
+    """The shoulder stands behind the elbow, as in the order of letters."""
+    asked = [Asked("shoulder_rad", "output", "rad"), Asked("elbow_rad", "output", "rad")]
+    arm = [joints(["elbow", "shoulder"], [k, -k]) for k in range(100)]
+    text = guess_columns(log(tmp_path, arm), asked)
+    assert '[columns.shoulder_rad]  # -99 to 0, of shoulder\ncolumn = "/m.position[1]"' in text
+    assert '[columns.elbow_rad]  # 0 to 99, of elbow\ncolumn = "/m.position[0]"' in text
+    some = [message if k % 2 else joints(["grip"], [0.1 * k]) for k, message in enumerate(arm)]
+    text = guess_columns(log(tmp_path, some), asked)
+    assert '[columns.shoulder_rad]  # -99 to -1\ncolumn = "/m.position[shoulder]"' in text

@@ -262,12 +262,15 @@ def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
     """Which of the columns that are listed are asked for."""
     units: dict[Place, str | None] = {}
     angles: dict[Place, Place] = {}  # as a person finds them
+    called: dict[Place, Place] = {}  # where the numbers stand that a message names
     for file in files:
         for field in _listed(file):
             unit, _ = _unit(field)
             is_unknown = unit is None and field.unit is not None
             if not is_unknown:
-                units[file.name, field.name] = field.unit if field.unit in SHOWN_ALONE else unit
+                place = file.name, _called(field)
+                called[place] = file.name, field.name
+                units[place] = field.unit if field.unit in SHOWN_ALONE else unit
         for found in quaternions_in(file.values):
             for angle in _ANGLES:
                 place = file.name, _asked_as(found, angle)
@@ -275,11 +278,21 @@ def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
     left_out = [name for file in files for name in file.left_out]
     wanted = [each for each in asked if _is_key(each.name)]
     matches = _with_only_orientation(matched(wanted, units, left_out), wanted, files)
+    by_place = {called.get(place, place): match for place, match in matches.found.items()}
+    shown = called | angles
     undecided = {
-        each: [angles.get(place, place) for place in places]
+        each: [shown.get(place, place) for place in places]
         for each, places in matches.undecided.items()
     }
-    return replace(matches, undecided=undecided)
+    return Matches(by_place, undecided)
+
+
+def _called(field: Field) -> str:
+    """What a field is called: a joint's number by the joint's name, in whatever place it stands."""
+    if not field.of or not field.name.endswith("]"):
+        return field.name
+    quantity = field.name.removeprefix(field.topic).rpartition("[")[0].rpartition(".")[2]
+    return f"{field.topic}/{field.of}.{quantity}"
 
 
 def _with_only_orientation(
@@ -457,7 +470,8 @@ def _entry(
     yield ""
     in_kelvin = _CELSIUS.sub("K", field.name) if unit == "K" else field.name
     name = match.asked.name if match else _name(in_kelvin, taken)
-    of = f", of {plain_line(field.of)}" if field.of else ""
+    is_named = f"[{field.of}]" in field.name
+    of = f", of {plain_line(field.of)}" if field.of and not is_named else ""
     yield f"[columns.{name}]  # {_range(there)}{of}"
     yield f"column = {toml(field.name)}{_seen_by(match)}"
     yield from _place(file, base, field.name)
