@@ -441,6 +441,36 @@ def test_what_the_system_states_as_exact_is_written(tmp_path: Path) -> None:
     assert list(rows_of(tmp_path)) == ["drive kp", "rail stiffness"]
 
 
+FULL = '<inertial pos="0 0 0.02" mass="2" fullinertia="0.02 0.03 0.04 0.005 0.002 0.001"/>'
+BOX = '<geom type="box" size="0.1 0.1 0.1" mass="2"/>'
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (BOX, FULL),
+        ('angle="degree"', 'angle="degree" settotalmass="9.2"'),
+        ('angle="degree"', 'angle="degree" inertiafromgeom="true"'),
+    ],
+)
+def test_a_mass_is_what_was_fitted_however_the_file_states_inertias(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, after: str
+) -> None:
+    """A full inertia had ended the export, and a total or geoms brought the old mass back."""
+    monkeypatch.setitem(globals(), "RIG", RIG.replace(before, after))
+    system = written(tmp_path, SERVO)
+    old = system.elements.model
+    mass_kg = 1.1 * float(old.body("cart").mass[0])
+    told = answered(
+        ("stiffness@rail_mps", {"stiffness": size(12.0, "N/m")}), cart_mass_kg=size(mass_kg, "kg")
+    )
+    system.export(told, tmp_path / "out")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED))
+    assert model.body("cart").mass[0] == pytest.approx(mass_kg, rel=1e-5)
+    assert model.body("cart").inertia == pytest.approx(1.1 * old.body("cart").inertia, rel=1e-5)
+    assert model.body("arm").mass[0] == pytest.approx(old.body("arm").mass[0], rel=1e-5)
+
+
 def test_springs_and_filters_of_the_model_are_constants(tmp_path: Path) -> None:
     """What the system computes with other values is MuJoCo's model with other values."""
     system = written(tmp_path, SLOW, rail='stiffness="5" springref="0.3"')

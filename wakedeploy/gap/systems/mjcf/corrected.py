@@ -28,7 +28,7 @@ from wakedeploy.gap.systems.mjcf.ranges import (
     Range,
     add_constants,
 )
-from wakedeploy.gap.systems.mjcf.reading import read_spec
+from wakedeploy.gap.systems.mjcf.reading import mujoco, read_spec, silent
 from wakedeploy.gap.systems.system import Constant
 from wakedeploy.gap.wording import listed, quantity
 
@@ -90,14 +90,33 @@ def _corrected(written: Fitted, out: Path) -> str:
     """The file's text."""
     path = written.elements.path
     spec, model = read_spec(path)
-    for number in written.ranges.values():
-        _WRITERS.get(number.attribute, _write_number)(spec, model, number)
-    for following in written.following.values():
-        _write_following(spec, following)
-    for folder in ("meshdir", "texturedir"):
-        _rebase(spec, folder, path, out)
-    spec.compile()
-    return str(spec.to_xml())
+    with silent(mujoco(path)):
+        _keep_masses(spec, model)
+        for number in written.ranges.values():
+            _WRITERS.get(number.attribute, _write_number)(spec, model, number)
+        for following in written.following.values():
+            _write_following(spec, following)
+        for folder in ("meshdir", "texturedir"):
+            _rebase(spec, folder, path, out)
+        spec.compile()
+        return str(spec.to_xml())
+
+
+def _keep_masses(spec: Any, model: Any) -> None:
+    """All masses as compiled, where the compiler would make a fitted one what it was.
+
+    It would scale them to a total once more, or take them from geoms in spite of what is stated.
+    """
+    import mujoco
+
+    is_of_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if spec.compiler.settotalmass <= 0.0 and not is_of_geoms:
+        return
+    spec.compiler.settotalmass = -1.0
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    for body in spec.bodies:
+        if body.name != "world" and model.body_mass[body.id] > 0.0:
+            _set_inertia(body, model, float(model.body_mass[body.id]))
 
 
 def _write_number(spec: Any, model: Any, number: Range) -> None:
@@ -164,11 +183,15 @@ def _write_lag(spec: Any, model: Any, number: Range) -> None:
 
 def _write_mass(spec: Any, model: Any, number: Range) -> None:
     """The compiled body's inertia, explicit and scaled with the mass."""
-    body, compiled = spec.body(number.name), model.body(number.name)
-    share = number.nominal / float(compiled.mass[0])
-    body.explicitinertial, body.mass = True, number.nominal
-    body.ipos, body.iquat = compiled.ipos, compiled.iquat
-    body.inertia = share * compiled.inertia
+    _set_inertia(spec.body(number.name), model, number.nominal)
+
+
+def _set_inertia(body: Any, model: Any, mass_kg: float) -> None:
+    at = body.id
+    body.explicitinertial, body.mass = True, mass_kg
+    body.ipos, body.iquat = model.body_ipos[at], model.body_iquat[at]
+    body.fullinertia[:] = math.nan  # the compiled axes are those of the inertia
+    body.inertia = mass_kg / float(model.body_mass[at]) * model.body_inertia[at]
 
 
 def _rebase(spec: Any, folder: str, model: Path, out: Path) -> None:
