@@ -168,3 +168,9 @@ def pose_bag(path: Path) -> Path:
             )
             bag.write(pose, ns, store.serialize_cdr(message, pose.msgtype))
     return path
+
+
+def test_the_last_part_of_a_quaternion_is_no_watt(tmp_path: Path) -> None:
+    guessed = guess_columns(log(tmp_path, quaternions(), "base_x,base_y,base_z,base_w"))
+    assert 'column = "base_w"\nrole = "unused"\nunit = "1"\n' in guessed
+    assert '"W"' not in guessed

@@ -403,9 +403,12 @@ def _entries(
     if len(file.fields) > MOST_COLUMNS:
         yield f"\n# {len(file.fields) - MOST_COLUMNS} more columns are not listed."
     yield from _not_listed(file, _never_changing(file))
+    quaternions = list(quaternions_in(file.values))
+    parts = {address for quaternion in quaternions for address in quaternion.addresses}
     for field in _listed(file):
-        yield from _entry(file, base, field, taken, found.get((file.name, field.name)))
-    for quaternion in quaternions_in(file.values):
+        seen = replace(field, unit=field.unit or "1") if field.name in parts else field
+        yield from _entry(file, base, seen, taken, found.get((file.name, field.name)))
+    for quaternion in quaternions:
         matches = {angle: found.get((file.name, _asked_as(quaternion, angle))) for angle in _ANGLES}
         asked_for = [angle for angle in _ANGLES if matches[angle]] or _ANGLES[:1]
         for angle in asked_for:
