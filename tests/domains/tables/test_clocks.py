@@ -243,3 +243,15 @@ def test_guess_takes_the_time_of_a_simulation_and_lists_that_of_the_wall(tmp_pat
     assert '[time]\ncolumn = "sim_time"\nunit = "s"  # ?\n# about 100 Hz' in text
     assert 'column = "wall_time"' in text
     assert "[resample]" not in text
+
+
+def test_guess_gives_what_is_in_no_group_the_clock_beside_it(tmp_path: Path) -> None:
+    """The clock of a group comes first in the order of letters, and begins five seconds later."""
+    h5py = pytest.importorskip("h5py")
+    t = np.arange(400) / 100
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name, numbers in {"arm/t": t + 5.0, "arm/q": np.sin(t), "t": t, "u": np.cos(t)}.items():
+            file[name] = numbers
+    text = guess_columns(tmp_path / "log.h5")
+    clocks = dict(re.findall(r'^column = "(.*)"\n(?:time = "(.*)".*\n)?', text, re.M))
+    assert (clocks["arm/t"], clocks["arm/q"], clocks["u"]) == ("", "", "t")

@@ -66,7 +66,6 @@ def _is_beside(clock: Timing, first: Timing) -> bool:
 
 
 def _nearness(clock: str, column: str) -> tuple[bool, int]:
-    """Whether two addresses are of one group, and how many words they share."""
-    group = clock.rpartition("/")[0]
-    is_of_group = bool(group) and group == column.rpartition("/")[0]
+    """Whether two addresses are of one group, or both of none, and how many words they share."""
+    is_of_group = clock.rpartition("/")[0] == column.rpartition("/")[0]
     return is_of_group, len(words_of(clock) & words_of(column))
