@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.domains.tables.formats.named import Lacking, index_of, name_at
+from wakedeploy.domains.tables.formats.named import Lacking, Names
 from wakedeploy.domains.tables.formats.ros_units import is_aside, remark_on, unit_of
 from wakedeploy.domains.tables.log import (
     Clock,
@@ -130,12 +130,13 @@ class MessageLog:
         """Add the numbers of a message to the columns."""
         only_clock = all(read.steps == (LOG_TIME,) for read in wanted)
         fields = None if only_clock else self._decoded(message)
+        names = Names()
         for read in wanted:
             if read.steps == (LOG_TIME,):
                 read.values.append(message.log_time_ns)
                 continue
             try:
-                value, way, called = _at(fields, read.steps)
+                value, way, called = _at(fields, read.steps, names)
             except (Lacking, IndexError) as error:  # for this message; others may have it
                 read.lacking = read.lacking or self._lacking(read, fields, error)
                 read.values.append(None)
@@ -159,6 +160,8 @@ class MessageLog:
 
     def _require_same(self, read: _Read, called: tuple[str, ...]) -> None:
         """Refuse an index that is another joint, model or frame in another message."""
+        if called == read.called:  # as nearly always
+            return
         pairs = list(zip(read.called or called, called, strict=True))
         other = next((now for before, now in pairs if before and now and before != now), None)
         if other is not None:
@@ -239,7 +242,9 @@ def _steps(path: Path, address: str, way: str) -> Steps:
     return tuple(found)
 
 
-def _at(fields: Any, steps: Steps) -> tuple[Any, tuple[str | int, ...], tuple[str, ...]]:
+def _at(
+    fields: Any, steps: Steps, names: Names
+) -> tuple[Any, tuple[str | int, ...], tuple[str, ...]]:
     """The number at the end of a way, the way by indices, and what elements on it are called.
 
     Raises Lacking where a list has no element of a name that is asked for.
@@ -248,9 +253,9 @@ def _at(fields: Any, steps: Steps) -> tuple[Any, tuple[str | int, ...], tuple[st
     way: list[str | int] = []
     called: list[str] = []
     for step in steps:
-        at = index_of(above, fields, step.name) if isinstance(step, Named) else step
+        at = names.index_of(above, fields, step.name) if isinstance(step, Named) else step
         if isinstance(at, int):
-            called.append(name_at(above, fields, at))
+            called.append(names.at(above, fields, at))
         above.append(fields)
         way.append(at)
         fields = _part(fields, at)
@@ -328,12 +333,12 @@ def _numbers(
     fields: Any, at: _Number = _WHOLE, depth: int = 0, above: tuple[Any, ...] = ()
 ) -> Iterator[_Number]:
     """The numbers below some fields, which are within what is `above`, outermost first."""
-    within = (*above, fields)
+    within, names = (*above, fields), Names()
     if isinstance(fields, bool | int | float | np.number | np.bool_):
         yield at
     elif isinstance(fields, list | tuple | np.ndarray):
         for i, part in enumerate(fields[:_LONGEST_VECTOR] if depth < _DEEPEST else ()):
-            element = _element(at, i, name_at(above, fields, i))
+            element = _element(at, i, names.at(above, fields, i))
             yield from _numbers(part, element, depth + 1, within)
     elif not isinstance(fields, str | bytes | type(None)) and depth < _DEEPEST:
         parts = fields if isinstance(fields, Mapping) else getattr(fields, "__dict__", {})

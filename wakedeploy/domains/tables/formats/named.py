@@ -8,6 +8,8 @@ send on one topic: `position[0]` is one joint now and another a message later.
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 _LISTS = ("name", "names", "joint_names")  # beside a list of numbers, or of messages
 _OWN = ("child_frame_id", "name")  # within an element
 
@@ -20,21 +22,32 @@ class Lacking(LookupError):
         self.there = tuple(there)
 
 
-def name_at(above: Sequence[Any], listed: Any, index: int) -> str:
-    """What the element at an index is called, "" where nothing says so.
+class Names:
+    """What the lists of one message call their elements: each list is looked at once."""
 
-    Raises IndexError where the list is shorter.
-    """
-    names = _names(above, listed)
-    return names[index] if names else _own_name(listed[index])
+    def __init__(self) -> None:
+        self._known: dict[int, list[str]] = {}  # by the list
 
+    def at(self, above: Sequence[Any], listed: Any, index: int) -> str:
+        """What the element at an index is called, "" where nothing says so.
 
-def index_of(above: Sequence[Any], listed: Any, name: str) -> int:
-    """Where the element of a name stands; Lacking where the list has none."""
-    names = _names(above, listed) or [_own_name(element) for element in listed]
-    if name not in names[: len(listed)]:
-        raise Lacking([n for n in names if n])
-    return names.index(name)
+        Raises IndexError where the list is shorter.
+        """
+        names = self._of(above, listed)
+        return names[index] if names else _own_name(listed[index])
+
+    def index_of(self, above: Sequence[Any], listed: Any, name: str) -> int:
+        """Where the element of a name stands; Lacking where the list has none."""
+        names = self._of(above, listed) or [_own_name(element) for element in listed]
+        if name not in names:
+            raise Lacking([n for n in names if n])
+        return names.index(name)
+
+    def _of(self, above: Sequence[Any], listed: Any) -> list[str]:
+        key = id(listed)
+        if key not in self._known:
+            self._known[key] = _names(above, listed)
+        return self._known[key]
 
 
 def _names(above: Sequence[Any], listed: Any) -> list[str]:
@@ -48,6 +61,8 @@ def _names(above: Sequence[Any], listed: Any) -> list[str]:
 
 
 def _own_name(element: Any) -> str:
+    if isinstance(element, int | float | np.number):
+        return ""
     return next((t for t in _texts(element, _OWN) if isinstance(t, str) and t), "")
 
 
