@@ -242,6 +242,23 @@ def test_the_end_of_an_interval_is_found_where_the_likelihood_is_no_parabola():
     assert at_end.sum() > quantile * at_end.std(ddof=1) * 5**0.5
 
 
+class Sticking(Levelling):
+    """The same, where more than ten is surely too much, as a friction at which nothing moves."""
+
+    def score(self, hypothesis, theta, episode):
+        told = super().score(hypothesis, theta, episode)
+        beyond = max(theta[0] - 10.0, 0.0) if len(theta) else 0.0
+        return Score(told.log_density - beyond, told.innovation, told.variance, np.ones(40))
+
+
+def test_the_other_end_of_such_an_interval_is_found_likewise():
+    model = Sticking()
+    found = fit(model, ("bend",), range(5), np.array([6.3]))
+    assert found.interval("bend.size")[1] > 2.2 * found.theta[0]
+    told = profiled(model, found, "bend")
+    assert told.interval("bend.size")[1] == pytest.approx(2.0 * found.theta[0])
+
+
 class Joint(System):
     """A joint that turns by itself, whatever is commanded."""
 

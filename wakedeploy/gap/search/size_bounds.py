@@ -1,8 +1,8 @@
-"""How small an effect may be where the likelihood is no parabola around it.
+"""How small and how large an effect may be where the likelihood is no parabola around it.
 
 In: a fit whose curvature says that an effect's size may be 0, although the effect gains on every
-block. Out: the same fit, with the interval's end nearest to 0 found by fitting everything else at
-smaller sizes (a profile likelihood: Murphy and van der Vaart, J. Am. Stat. Assoc. 95, 2000).
+block. Out: the same fit, with the ends of the interval found by fitting everything else at smaller
+and larger sizes (a profile likelihood: Murphy and van der Vaart, J. Am. Stat. Assoc. 95, 2000).
 """
 
 from dataclasses import replace
@@ -16,11 +16,16 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import climbed
 from wakedeploy.gap.search.comparison import Comparison
 
-_SHARES = (0.5, 0.25, 0.1, 0.03)  # of the estimate: sizes at which all else is fitted again
+# Of the estimate: sizes at which all else is fitted again, below it and above.
+_SHARES, _TIMES = (0.5, 0.25, 0.1, 0.03), (2.0, 4.0, 10.0, 30.0)
 
 
 def profiled(model: Comparison, found: Fit, name: str) -> Fit:
-    """A fit whose intervals of an effect's sizes hold 0 only if the blocks allow it."""
+    """A fit whose intervals of an effect's sizes hold 0 only if the blocks allow it.
+
+    Their other ends are as far as the blocks allow: what makes a spread so wide that it holds 0
+    makes it as wide on the other side.
+    """
     ends = dict(found.profiled)
     for i, free in enumerate(found.free):
         is_size = free.name.startswith(f"{name}.") and free.neutral == 0.0
@@ -29,7 +34,10 @@ def profiled(model: Comparison, found: Fit, name: str) -> Fit:
             share = next((s for s in _SHARES if _is_excluded(model, found, i, s)), 0.0)
             nearest = share * float(found.theta[i])
             if nearest:
-                ends[free.name] = (nearest, np.inf) if nearest > 0.0 else (-np.inf, nearest)
+                times = (t for t in _TIMES if low <= t * float(found.theta[i]) <= high)
+                most = next((t for t in times if _is_excluded(model, found, i, t)), np.inf)
+                farthest = most * float(found.theta[i])
+                ends[free.name] = (min(nearest, farthest), max(nearest, farthest))
     return replace(found, profiled=ends)
 
 
