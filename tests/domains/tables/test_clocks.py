@@ -173,12 +173,16 @@ def test_a_clock_that_stands_still_is_refused_by_its_name(tmp_path: Path) -> Non
         channel = writer.register_channel("/js", "json", 0)
         for k in range(100):
             content = {"x": float(k), "header": {"stamp": {"sec": 0, "nanosec": 0}}}
+            content["late_s"] = 0.01 * k if k != 7 else None
             writer.add_message(channel, k * 10_000_000, json.dumps(content).encode(), 0)
         writer.finish()
     text = 'version = 1\n[columns.x]\ncolumn = "/js.x"\nrole = "output"\nunit = "1"\n'
     said = r"'/js\.header\.stamp' stands still at 0; leave it out: /js\.log_time counts then"
     with pytest.raises(UnusableInput, match=said):
         read(path, text + 'time = "/js.header.stamp"\n')
+    said = r"'/js\.late_s' has no stamp in message \d+; leave it out: /js\.log_time counts then"
+    with pytest.raises(UnusableInput, match=said):
+        read(path, text + 'time = "/js.late_s"\n')
     (one,) = read(path, text).recordings
     assert one.rate_hz == pytest.approx(100.0)
     dates_s = np.float32(1.73e9 + np.arange(300) / 100)

@@ -401,7 +401,7 @@ def test_pendulums_with_a_nameless_column_and_with_blanks_in_the_header() -> Non
     path = recordings_of("double-pendulum") / "A0_sys_id_friccomp_063536.csv.gz"
     resampled = '[time]\ncolumn = "time"\n[resample]\nrate_hz = 200\n' + column("q", "pos1", "rad")
     reading = read_recordings([path], parse_columns("version = 1\n" + resampled))
-    assert "1 stamps were there twice; the last was kept" in reading.notes[0]
+    assert "1 stamp was there twice; the last row of each was kept" in reading.notes[0]
     with pytest.raises(UnusableInput, match=r"steps by 0.003661 s at line 4.*\[resample\]"):
         read(path, resampled.replace("[resample]\nrate_hz = 200\n", ""))
 

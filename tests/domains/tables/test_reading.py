@@ -380,7 +380,18 @@ def test_of_doubled_stamps_one_is_kept_and_it_is_said(
     read = reading(path, BASE + f'repeated = "{repeated}"\n' + U)
     assert read.recordings[0].columns["u"].tolist() == kept
     assert read.notes == (
-        f"{path}, column 't': 1 stamps were there twice; the {repeated} was kept",
+        f"{path}, column 't': 1 stamp was there twice; the {repeated} row of each was kept",
+    )
+
+
+def test_a_table_of_several_robots_is_told_what_was_kept(tmp_path: Path) -> None:
+    times = np.repeat(0.1 * np.arange(20), 3).round(1)
+    path = write(tmp_path / "log.csv", times.tolist(), list(range(60)))
+    read = reading(path, BASE + U)
+    assert read.recordings[0].columns["u"].tolist() == list(range(2, 60, 3))
+    assert read.notes == (
+        f"{path}, column 't': 20 stamps were there up to 3 times; the last row of each was kept. "
+        "Where these are several robots or runs in one table, make a log of each",
     )
 
 
@@ -425,7 +436,7 @@ def test_of_merged_rows_those_of_one_column_still_contradict(
     assert read.recordings[0].columns["q"].tolist() == [5.0, 6.0, 7.0]
     assert [note.partition(": ")[2] for note in read.notes] == [
         "1 stamps have rows that fill different columns; they were merged",
-        f"1 stamps were there twice; the {repeated} was kept",
+        f"1 stamp was there twice; the {repeated} row of each was kept",
     ]
     with pytest.raises(UnusableInput, match="'t' repeats a stamp at line 5"):
         reading(path, text.replace(repeated, "refuse"))

@@ -23,11 +23,16 @@ def require_running(place: Place, stamps: Values) -> None:
     """Refuse a clock that stands still: a header that nobody fills, a date in single precision."""
     if place.clock is None or len(stamps) < _FEW_STAMPS or (stamps != stamps[0]).any():
         return
-    own = place.log.clock_of(place.addresses[0])
-    advice = "give another column of stamps, or [time] rate_hz"
-    if own is not None and own.address != place.clock.address:
-        advice = f"leave it out: {own.address} counts then"
+    advice = clock_instead(place) or "give another column of stamps, or [time] rate_hz"
     raise place.clock_refused(f"stands still at {stamps[0]}", advice)
+
+
+def clock_instead(place: Place) -> str:
+    """The advice to leave out a clock where the log has one by itself; empty where it has none."""
+    beside = place.log.clock_of(place.addresses[0])
+    if beside is None or place.clock is None or beside.address == place.clock.address:
+        return ""
+    return f"leave it out: {beside.address} counts then"
 
 
 def require_likely_rate(series: Sequence[Series], columns: Columns) -> None:

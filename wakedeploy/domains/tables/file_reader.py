@@ -17,6 +17,7 @@ from wakedeploy.core.recording import Origin, Recording
 from wakedeploy.core.units import contradicted, same_dimension
 from wakedeploy.domains.tables.columns import Column, Columns
 from wakedeploy.domains.tables.diagnosis import (
+    clock_instead,
     far_apart,
     no_stretch,
     require_common_time,
@@ -265,7 +266,8 @@ class FileReader:
         if numbers.dtype.kind == "M":
             if np.isnat(numbers).any():
                 row = place.row(int(np.argmax(np.isnat(numbers))))
-                raise place.clock_refused(f"has no stamp in {row}", "mend or delete that row")
+                advice = clock_instead(place) or "mend or delete that row"
+                raise place.clock_refused(f"has no stamp in {row}", advice)
             return numbers.astype("datetime64[ns]").astype(np.int64), Fraction(1, 10**9)
         try:
             unit = "ns" if form is not None else place.clock.unit
@@ -294,7 +296,8 @@ class FileReader:
         names = [name for name, place in places.items() if _clock_key(place) == key]
         place, base = places[names[0]], self.columns.time
         notes: list[str] = []
-        line = timeline(stamps_s, first, base, place.row, place.clock_refused, notes)
+        instead = clock_instead(place)
+        line = timeline(stamps_s, first, base, place.row, place.clock_refused, notes, instead)
         columns = [numbers[name] for name in names]
         notes += on_repeats(line, columns, base, place.row, place.clock_refused)
         called = f", column {place.clock.address!r}" if place.clock else ""

@@ -193,13 +193,23 @@ def in_seconds(values: Values, seconds: Fraction, origin: int) -> Vector:
 
 
 def timeline(
-    stamps_s: Vector, first: int, base: TimeBase, place: Place, refuse: Refuse, notes: list[str]
+    stamps_s: Vector,
+    first: int,
+    base: TimeBase,
+    place: Place,
+    refuse: Refuse,
+    notes: list[str],
+    instead: str = "",
 ) -> Timeline:
-    """Stamps in rising order, of the rows from `first` on, with what was done about falls."""
+    """Stamps in rising order, of the rows from `first` on, with what was done about falls.
+
+    `instead` is the advice for a clock that lacks a stamp, where it can do better than mend it.
+    """
     is_stamp = np.abs(stamps_s) < _LATEST_S  # nor is NaN
     if not is_stamp.all():
         at = int(np.argmin(is_stamp))
-        raise refuse(f"has no stamp in {place(first + at)}", "mend or delete that row")
+        reason = f"has no stamp in {place(first + at)}"
+        raise refuse(reason, instead or "mend or delete that row")
     order = np.arange(len(stamps_s))
     falls = np.flatnonzero(np.diff(stamps_s) < 0)
     if len(falls) and base.falling == "refuse":
@@ -254,8 +264,18 @@ def on_repeats(
         again = np.maximum(again, counts - 1)
     merged = int(((rows - 1 > again) & (filled > again + 1)).sum())
     notes = [f"{merged} stamps have rows that fill different columns; they were merged"]
-    doubled = [f"{int(again.sum())} stamps were there twice; the {line.keeps} was kept"]
-    return (notes if merged else []) + (doubled if again.any() else [])
+    return (notes if merged else []) + ([_doubled(again, line.keeps)] if again.any() else [])
+
+
+def _doubled(again: NDArray[np.intp], kept: str) -> str:
+    """The remark on stamps (T,) that have so many rows more; where most have, what they may be."""
+    repeated, most = int((again > 0).sum()), int(again.max()) + 1
+    times = "twice" if most == 2 else f"up to {most} times"
+    stamps = "1 stamp was" if repeated == 1 else f"{repeated} stamps were"
+    told = f"{stamps} there {times}; the {kept} row of each was kept"
+    if 2 * repeated < len(again):
+        return told
+    return f"{told}. Where these are several robots or runs in one table, make a log of each"
 
 
 def _second_row(line: Timeline, values: Vector, stamp: int) -> int:
