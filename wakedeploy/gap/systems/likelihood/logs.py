@@ -30,6 +30,7 @@ from wakedeploy.gap.systems.likelihood.clocks import (
 )
 from wakedeploy.gap.systems.likelihood.curves import curves, taken_for
 from wakedeploy.gap.systems.likelihood.filter import Filter, Run, Start
+from wakedeploy.gap.systems.likelihood.forecast_length import samples_ahead
 from wakedeploy.gap.systems.likelihood.initial_states import InitialStates, initial_states
 from wakedeploy.gap.systems.likelihood.leftover import leftovers
 from wakedeploy.gap.systems.likelihood.strays import without_strays
@@ -44,7 +45,6 @@ _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
 _ENDS = 0.995  # the same for how far a state goes: one stray reading is no end of it
 _FEW = 3  # samples between readings, from which readings are few
-_FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _STILL = 0.02  # of its usual size: an output that changes no more rests
 _IN_NOISE = 6.0  # median changes from one reading to the next: white noise spans some four
 _WITHOUT_STRAYS = 0.02, 0.98  # quantiles
@@ -98,7 +98,7 @@ class LogModel(ComparisonDefaults):
         self.records = [self._record(b) for b in self.blocks]
         self._sealed = self._confirming()
         self.is_pushed = True  # whether pushes that last are free in every hypothesis
-        self.horizon = self._horizon()  # samples over which a forecast goes
+        self.horizon = samples_ahead(self)  # samples over which a forecast goes
 
     def offer(self, effects: Mapping[str, Effect]) -> None:
         """Add effects of other logs that these logs have no reason to look for."""
@@ -168,12 +168,6 @@ class LogModel(ComparisonDefaults):
         view.is_pushed = False
         view.__dict__.pop("_nuisances", None)
         return view
-
-    def _horizon(self) -> int:
-        if self.system.forecast_s is not None:
-            return max(round(self.system.forecast_s / self.dt_s), 1)
-        shortest = min(b.stop - b.start for b in self.blocks)
-        return int(np.clip(shortest // 4, _FORECAST, _LONGEST_FORECAST))
 
     def first_states(self) -> FloatArray:
         """Where the first log begins, as far as its outputs show, (n,)."""
