@@ -66,6 +66,19 @@ def test_only_what_is_higher_replaces_a_fit(monkeypatch):
     assert [each["dry@v"] for each in asked] == [12.0, 12.0, 30.0]
 
 
+def test_ports_that_are_alike_do_not_fill_a_race():
+    """Gain and drift of each wheel promise more at first sight than the dead time that it is."""
+    wheels = ("left", "right")
+    order = ["gain", "drift", "hold", "dead-time", "lag", "rate-limit", "backlash"]
+    looks = [SimpleNamespace(name=f"{kind}@{wheel}") for kind in order for wheel in wheels]
+    names = [seen.name for seen in scan._raced_among(looks)]
+    assert names == [f"{kind}@{wheel}" for kind in order[:6] for wheel in wheels]
+    alone = [SimpleNamespace(name=f"{kind}@left") for kind in order]
+    assert [seen.name for seen in scan._raced_among(alone)] == [f"{k}@left" for k in order[:6]]
+    many = [SimpleNamespace(name=f"bias@{k}") for k in range(40)]
+    assert len(scan._raced_among(many)) == 12
+
+
 @pytest.mark.parametrize(("summit", "named"), [(30.0, "dry@v"), (20.0, "finer@v")])
 def test_a_simpler_kind_is_climbed_to_its_summit_before_it_loses_its_name(
     monkeypatch, summit, named

@@ -29,7 +29,7 @@ from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.needed_gain import Chance
 from wakedeploy.gap.search.sticking import begun_moving
 
-CLIMBED = 6  # candidates that are raced
+CLIMBED, _MOST_CLIMBED = 6, 12  # kinds of candidates that are raced, and candidates
 _STAGES = 5  # each about as long: looks, a race, climbs to the end, imitation, rest
 _MOST_AT_REST = 5  # candidates near to the best, and itself, that are climbed until they rest
 DRAWS = 200  # of what chance would bring
@@ -56,7 +56,7 @@ def ranked(
     order = sorted(seen_all, key=lambda seen: -seen.prospect(base))
     most = order[0].prospect(base) if order else 0.0
     least = max(RULES.least_nats, WORTH * most)
-    chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
+    chosen = _raced_among([seen for seen in order if seen.prospect(base) > least])
     fits = raced(model, base, [seen.fit for seen in chosen])
     running = {seen.name: reached for seen, reached in zip(chosen, fits, strict=True)}
     steps(2 * len(names), total)
@@ -80,6 +80,20 @@ def ranked(
         if higher:
             best_first, chance = _compared(model, ground, order, fitted | higher)
     return best_first, chance
+
+
+def _raced_among(promising: Sequence[Look]) -> list[Look]:
+    """The first of the promising, best first: as many as it takes to have several kinds.
+
+    Of wheels, rotors or joints each has its gain and its drift, which promise as much. They alone
+    would fill a race, and what truly is missing may promise less than these at first sight.
+    """
+    kinds: set[str] = set()
+    for count, seen in enumerate(promising[:_MOST_CLIMBED]):
+        kinds.add(seen.name.partition("@")[0].partition("-from-")[0])
+        if len(kinds) > CLIMBED:
+            return list(promising[:count])
+    return list(promising[:_MOST_CLIMBED])
 
 
 def _ends(
