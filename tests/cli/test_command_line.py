@@ -43,7 +43,7 @@ def test_every_command_explains_itself_with_an_example(path: tuple[str, ...]) ->
     assert result.exit_code == 0
     command = EVERY.get(path, cli.main)
     if not isinstance(command, click.Group) or len(path) == 1:
-        _, _, example = result.output.split("Options:")[0].partition("Example:")
+        _, _, example = result.output.split("Options:")[0].partition("\n  Example:\n")
         assert " ".join(["wakedeploy", *path]) in example, "the help text has no example"
 
 

@@ -83,7 +83,7 @@ def show(path: Path | None, json_path: Path | None) -> None:
 )
 @click.option("--firmware", is_flag=True, help="The compiled sketch on a simulated UNO.")
 def virtual(path: Path | None, out: Path, seed: int, firmware: bool) -> None:
-    r"""Serve the virtual gantry PATH at a port, in real time, until Ctrl-C.
+    """Serve the virtual gantry PATH at a port, in real time, until Ctrl-C.
 
     To another terminal it is a rig: every command that takes --port opens it. It stands there
     between flights, as a rig does. Without PATH it is the default rig.
@@ -91,7 +91,7 @@ def virtual(path: Path | None, out: Path, seed: int, firmware: bool) -> None:
     \b
     Example:
         wakedeploy rig virtual rig.toml --out desk
-        wakedeploy run-gantry --baseline --trust-curve \
+        wakedeploy run-gantry --baseline --trust-curve \\
             --port desk/uno --range-socket desk/range.sock
     """
     from runtime.virtual.served import PORT, RANGES, served
