@@ -185,6 +185,36 @@ def test_an_input_that_is_known_to_act_later_does():
                  [Recording("log", time_s, columns)])  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("position", "unit", "more", "is_told"),
+    [
+        ("z_m", "m", {}, True),
+        ("height", "cm", {}, True),
+        ("z_m", "m", {"height": "z_m"}, False),
+        ("z_m", "m", {"kinds": ["offset"]}, False),
+        ("zone_m", "m", {}, False),
+        ("z_rad", "rad", {}, False),
+    ],
+)
+def test_a_port_over_a_height_is_told_how_to_ask_for_ground_effect(position, unit, more, is_told):
+    def derivative(self, state, inputs, c):
+        return {position: state.speed_mps, "speed_mps": inputs.force_n / c.mass_kg}
+
+    port = Port.force("speed_mps", inertia="mass_kg", position=position, **more)
+    system = _with(
+        states={position: unit, "speed_mps": f"{unit}/s"},
+        outputs=[Output(position, unit)],
+        ports=[port],
+        derivative=derivative,
+    )
+    columns = {"force_n": np.zeros(300), position: np.random.default_rng(1).random(300)}
+    notes = column_notes(
+        LogModel(checked(system), [Recording("log", np.arange(300) / 100, columns)])
+    )
+    assert any("ground-effect" in note for note in notes) == is_told
+    assert not is_told or any(f'height="{position}")' in note for note in notes)
+
+
 @pytest.mark.parametrize("name", ["rates", "values", "name", "_probed"])
 def test_a_name_that_the_library_uses_is_not_hidden(name):
     """Also where a class between has it: the library would call the user's own."""

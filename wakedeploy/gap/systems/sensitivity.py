@@ -7,13 +7,14 @@ all samples together, and what is left of that where everything else may follow.
 
 import itertools
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import contradicted
+from wakedeploy.core.units import contradicted, same_dimension
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.separation import whitened
@@ -27,7 +28,7 @@ from wakedeploy.gap.systems.duration import long_search
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
-from wakedeploy.gap.systems.system import Input
+from wakedeploy.gap.systems.system import Input, StateSpace
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
 from wakedeploy.gap.wording import counted, listed, minus
 
@@ -45,6 +46,8 @@ _FEW_VALUES = 20  # of a column whose ends say nothing, as of steps that go up a
 _FEWEST_RUNS, _USUAL_RUN, _FROZEN = 20, 0.9, 20.0  # of equal samples; a quantile, and times that
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
 _SAME_END = 0.01  # of a column's span: how near its end is to that of `measure`
+_GROUND_EFFECT = "ground-effect"
+_HEIGHT = re.compile("(z|h|height|altitude|alt)(_|$)", re.IGNORECASE)
 _CUT = 0.1  # the same share, from which what lies beyond may be what an effect is named for
 
 
@@ -108,7 +111,7 @@ def column_notes(model: LogModel) -> list[str]:
     notes += _ranges(model)
     notes += misread(model)
     notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]
-    notes += [*own_wraps(model), *_curves(model)]
+    notes += [*own_wraps(model), *_curves(model), *_heights(model.system)]
     for i, stated in enumerate(model.system.inputs):
         if stated.law is not None:  # it is as what it is made of
             continue
@@ -240,6 +243,20 @@ def _curves(model: LogModel) -> list[str]:
         "as a motor behind the square of its command, has no port: state the curve as an input of "
         "its own, Input(…, law=…)."
         for states, names in alike.items()
+    ]
+
+
+def _heights(system: StateSpace) -> list[str]:
+    """Ports whose position is a height by its name, and which do not say that it is one."""
+    return [
+        f"port {port.name}: ground-effect is not asked for; if {port.position} is the height above "
+        f'the ground, say so: Port.force("{port.name}", …, height="{port.position}").'
+        for port in system.ports
+        if port.role == "force"
+        and not port.height
+        and (not port.kinds or _GROUND_EFFECT in port.kinds)
+        and _HEIGHT.match(port.position)
+        and same_dimension(system.states[port.position], "m")
     ]
 
 
