@@ -75,8 +75,11 @@ def test_ports_that_are_alike_do_not_fill_a_race():
     assert names == [f"{kind}@{wheel}" for kind in order[:6] for wheel in wheels]
     alone = [SimpleNamespace(name=f"{kind}@left") for kind in order]
     assert [seen.name for seen in scan._raced_among(alone)] == [f"{k}@left" for k in order[:6]]
+    rotors = [SimpleNamespace(name=f"{kind}@{k}") for kind in order for k in range(20)]
+    raced = [seen.name for seen in scan._raced_among(rotors)]
+    assert raced == [f"{kind}@{k}" for kind in order[:6] for k in range(2)]
     many = [SimpleNamespace(name=f"bias@{k}") for k in range(40)]
-    assert len(scan._raced_among(many)) == 12
+    assert [seen.name for seen in scan._raced_among(many)] == [f"bias@{k}" for k in range(12)]
 
 
 @pytest.mark.parametrize(("summit", "named"), [(30.0, "dry@v"), (20.0, "finer@v")])

@@ -224,6 +224,14 @@ def test_a_name_that_the_library_uses_is_not_hidden(name):
         checked(type("Axis", (hiding,), {})())
 
 
+def test_nor_by_what_a_system_keeps():
+    def begin(self):
+        self.values, self.gain = [1.0], 2.0
+
+    with pytest.raises(UnusableInput, match=r"Axis\.values: the library has `values`"):
+        checked(_with(__init__=begin))
+
+
 def test_names_that_are_the_user_s_own_are(tmp_path):
     path = tmp_path / "own.py"
     path.write_text(

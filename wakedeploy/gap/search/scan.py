@@ -4,6 +4,7 @@ In: a `Comparison` and a fit of what is known. Out: candidates ranked by their g
 they were not fitted to, and the gain that chance alone would bring.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -83,17 +84,18 @@ def ranked(
 
 
 def _raced_among(promising: Sequence[Look]) -> list[Look]:
-    """The first of the promising, best first: as many as it takes to have several kinds.
+    """The best of the promising: of several kinds, each at the ports where it promises most.
 
     Of wheels, rotors or joints each has its gain and its drift, which promise as much. They alone
     would fill a race, and what truly is missing may promise less than these at first sight.
     """
-    kinds: set[str] = set()
-    for count, seen in enumerate(promising[:_MOST_CLIMBED]):
-        kinds.add(seen.name.partition("@")[0].partition("-from-")[0])
-        if len(kinds) > CLIMBED:
-            return list(promising[:count])
-    return list(promising[:_MOST_CLIMBED])
+    kinds: dict[str, list[Look]] = {}
+    for seen in promising:
+        kinds.setdefault(seen.name.partition("@")[0].partition("-from-")[0], []).append(seen)
+    of_kinds = list(kinds.values())[:CLIMBED]
+    in_turns = itertools.chain(*itertools.zip_longest(*of_kinds))
+    chosen = list(itertools.islice((seen for seen in in_turns if seen), _MOST_CLIMBED))
+    return [seen for seen in promising if seen in chosen]
 
 
 def _ends(

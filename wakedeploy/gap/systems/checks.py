@@ -108,8 +108,13 @@ def _check_hidden_names(system: StateSpace) -> None:
     kinds = type(system).__mro__
     library = [kind for kind in kinds if kind.__module__.partition(".")[0] == "wakedeploy"]
     taken = {name for kind in library for name in vars(kind) if not name.startswith("__")} - _OPEN
-    for kind in set(kinds) - {*library, object}:
-        for name in sorted(taken & vars(kind).keys()):
+    places: list[tuple[type, Mapping[str, Any]]]
+    places = [(kind, vars(kind)) for kind in kinds if kind not in {*library, object}]
+    # What the library keeps there itself, as a cached property, hides no function.
+    functions = {n for kind in library for n, v in vars(kind).items() if callable(v)}
+    places.append((type(system), {n: v for n, v in vars(system).items() if n in functions}))
+    for kind, stated in places:
+        for name in sorted(taken & stated.keys()):
             raise UnusableInput(
                 f"{kind.__name__}.{name}: the library has `{name}` for its own use, and would get "
                 f"yours. Call it otherwise, as `my_{name.lstrip('_')}`."

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.checks import checked
-from wakedeploy.gap.systems.likelihood.forecast_length import growth_per_s
+from wakedeploy.gap.systems.likelihood.forecast_length import growth_per_s, samples_ahead
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 
@@ -56,18 +57,46 @@ def test_a_forecast_ends_where_an_error_has_grown_twentyfold():
     assert _model(forecast_s=0.7).horizon == 70
 
 
+def _in_steps(step, **changes):
+    stepped = type("Step", (System,), {**_statements(), "step": step, **changes})
+    return LogModel(checked(stepped()), _model().recordings)
+
+
 def test_a_discrete_system_runs_away_as_well():
-    stepped = type("Step", (System,), {**_statements(), "step": _step})
-    model = LogModel(checked(stepped()), _model().recordings)
-    assert model.horizon == 25
+    growth = np.log(1.0 + 0.01 * 12.0) / 0.01  # of Euler's step, whose eigenvalues are 1 ± h λ
+    model = _in_steps(_step)
+    assert growth_per_s(model) == pytest.approx(growth, rel=0.01)
+    assert model.horizon == int(3.0 / (0.01 * growth))
 
 
-def test_a_function_that_fails_somewhere_leaves_the_usual_length():
+@pytest.mark.parametrize("turn", [0.0, 1.2, np.pi])
+def test_a_fast_oscillation_that_grows_in_steps_runs_away(turn):
+    def step(self, state, inputs, c):
+        x, y = state.angle_rad, state.speed_radps
+        cosine, sine = 1.3 * np.cos(turn), 1.3 * np.sin(turn)
+        return {"angle_rad": cosine * x - sine * y + 0.0 * inputs.push, "speed_radps":
+                sine * x + cosine * y + 0.0 * c.k}  # fmt: skip
+
+    model = _in_steps(step)
+    assert growth_per_s(model) == pytest.approx(np.log(1.3) / 0.01, rel=1e-3)
+    assert model.horizon == 11
+
+
+def test_places_where_a_function_gives_no_number_do_not_count():
     def broken(self, state, inputs, c):
         rates = Standing.derivative(self, state, inputs, c)
         return {name: np.where(state.angle_rad > 0.0, np.nan, rate) for name, rate in rates.items()}
 
     assert growth_per_s(_model(derivative=broken)) == pytest.approx(12.0, rel=0.05)
+
+
+def test_a_function_that_fails_leaves_the_usual_length(monkeypatch):
+    def fail(self, states, inputs):
+        raise UnusableInput("it fails there")
+
+    model = _model()
+    monkeypatch.setattr(LogModel, "rates_at", fail)
+    assert samples_ahead(model) == 62
 
 
 def _statements():

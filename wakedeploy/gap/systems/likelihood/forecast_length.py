@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.evidence.fits import FloatArray
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel
@@ -36,8 +37,8 @@ def samples_ahead(model: "LogModel") -> int:
 def growth_per_s(model: "LogModel") -> float:
     """By how many e-folds a second a small error of the state usually grows along the logs [1/s].
 
-    The median of the largest real part of the eigenvalues of the model's Jacobian; 0 for a model
-    that forgets.
+    The median of what the eigenvalues of the model's Jacobian say at most: their real part, and of
+    a model in steps the logarithm of their size over the step. 0 for a model that forgets.
     """
     inputs = np.concatenate([log.inputs for log in model.logs], axis=1)
     states = model.along_logs()
@@ -57,4 +58,13 @@ def growth_per_s(model: "LogModel") -> float:
     known = np.isfinite(jacobian).all(axis=(1, 2))
     if not known.any():
         return 0.0
-    return max(float(np.median(np.linalg.eigvals(jacobian[known]).real.max(axis=1))), 0.0)
+    return max(float(np.median(_largest(model, jacobian[known]))), 0.0)
+
+
+def _largest(model: "LogModel", jacobian: FloatArray) -> FloatArray:
+    """The growth of what grows most [1/s], (places,), by Jacobians (places, n, n) of rates."""
+    if not model.system.has_step:
+        return np.asarray(np.linalg.eigvals(jacobian).real.max(axis=1))
+    stepped = np.eye(jacobian.shape[-1]) + model.dt_s * jacobian
+    sizes = np.abs(np.linalg.eigvals(stepped)).max(axis=1)
+    return np.asarray(np.log(np.maximum(sizes, 1e-300)) / model.dt_s)
