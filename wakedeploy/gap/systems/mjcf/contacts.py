@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.gap.systems.mjcf.elements import Elements
-from wakedeploy.gap.systems.mjcf.reading import mujoco, silent
+from wakedeploy.gap.systems.mjcf.reading import loaded_mujoco, silent
 from wakedeploy.gap.systems.system import FloatArray
 from wakedeploy.gap.wording import listed
 
@@ -58,7 +58,7 @@ def _may_touch(elements: Elements) -> bool:
 
 def _touching(elements: Elements, places: FloatArray) -> list[set[tuple[int, ...]]]:
     """The pairs of bodies that push each other, at each of the places (N, joints)."""
-    library, model = mujoco(elements.path), elements.model
+    library, model = loaded_mujoco(elements.path), elements.model
     data, found = library.MjData(model), []
     with silent(library):
         for place in elements.positions(places):

@@ -28,7 +28,7 @@ from wakedeploy.gap.systems.mjcf.ranges import (
     Range,
     add_constants,
 )
-from wakedeploy.gap.systems.mjcf.reading import mujoco, read_spec, silent
+from wakedeploy.gap.systems.mjcf.reading import loaded_mujoco, read_spec, silent
 from wakedeploy.gap.systems.system import Constant
 from wakedeploy.gap.wording import listed, quantity
 
@@ -90,7 +90,7 @@ def _corrected(written: Fitted, out: Path) -> str:
     """The file's text."""
     path = written.elements.path
     spec, model = read_spec(path)
-    with silent(mujoco(path)):
+    with silent(loaded_mujoco(path)):
         _keep_masses(spec, model)
         for number in written.ranges.values():
             _WRITERS.get(number.attribute, _write_number)(spec, model, number)
@@ -187,9 +187,13 @@ def _write_mass(spec: Any, model: Any, number: Range) -> None:
 
 
 def _set_inertia(body: Any, model: Any, mass_kg: float) -> None:
+    import mujoco
+
     at = body.id
     body.explicitinertial, body.mass = True, mass_kg
     body.ipos, body.iquat = model.body_ipos[at], model.body_iquat[at]
+    # Angles that the file states, and that inertias from geoms had left aside, would turn these.
+    body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     body.fullinertia[:] = math.nan  # the compiled axes are those of the inertia
     body.inertia = mass_kg / float(model.body_mass[at]) * model.body_inertia[at]
 

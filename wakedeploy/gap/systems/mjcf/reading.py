@@ -26,7 +26,7 @@ from wakedeploy.gap.systems.system import FloatArray
 _SERVO = 3  # numbers of a position or velocity servo's bias: 0, −kp, −kv
 
 
-def mujoco(path: Path) -> Any:
+def loaded_mujoco(path: Path) -> Any:
     """The library; UnusableInput says how to install it where it is absent."""
     try:
         return importlib.import_module("mujoco")
@@ -40,7 +40,7 @@ def read_elements(path: Path) -> Elements:
     Raises UnusableInput for a file that is absent or does not compile, and for what no system here
     can have: ball joints, actuators with several commands, plugins.
     """
-    library, (model, delays_s) = mujoco(path), _without_delays(path)
+    library, (model, delays_s) = loaded_mujoco(path), _without_delays(path)
     _refuse_unfit(library, path, model)
     with silent(library):
         joints = _joints(library, path, model)
@@ -65,7 +65,7 @@ def _without_delays(path: Path) -> tuple[Any, list[float]]:
     for actuator, delay_s in zip(spec.actuators, delays_s, strict=True):
         if delay_s > 0.0:
             actuator.delay, actuator.nsample = 0.0, 0
-    with silent(mujoco(path)):
+    with silent(loaded_mujoco(path)):
         return spec.compile(), delays_s
 
 
@@ -84,7 +84,7 @@ def _delay_s(model: Any, i: int) -> float:
 
 def read_spec(path: Path) -> tuple[Any, Any]:
     """A file as MuJoCo's specification, and compiled; UnusableInput where it is damaged."""
-    library = mujoco(path)
+    library = loaded_mujoco(path)
     if not path.is_file():
         raise UnusableInput(f"{path}: no such file; give an MJCF file.")
     require_bounded(path)

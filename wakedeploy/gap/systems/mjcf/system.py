@@ -17,7 +17,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.systems.mjcf.elements import Elements
 from wakedeploy.gap.systems.mjcf.free_bodies import angle_rates, turning, twist
 from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
-from wakedeploy.gap.systems.mjcf.reading import mujoco, read_elements
+from wakedeploy.gap.systems.mjcf.reading import loaded_mujoco, read_elements
 from wakedeploy.gap.systems.own_system import System
 from wakedeploy.gap.systems.system import FloatArray, Point
 
@@ -58,7 +58,7 @@ class MjcfSystem(System):
                 self._farthest[place] = _FARTHEST_M
         self._models: dict[bytes, Any] = {}
         self._latest: dict[tuple[int, ...], tuple[Any, list[Any]]] = {}  # by the points' shape
-        self._library = mujoco(Path(self.mjcf))
+        self._library = loaded_mujoco(Path(self.mjcf))
         self._plain = _explicit(self._library, self._elements.model)
         self._rollout: Any = None
 
