@@ -446,10 +446,11 @@ class Loop:
         return aim, command, terms
 
     def _rest_for_good(self) -> tuple[Reference, Command, Terms]:
-        """A failsafe's last tick: it aims at rest, wherever the plan would be by now."""
+        """A failsafe's last tick: it aims at rest, the carriage where it is, not at the plan."""
         self._finished = True
         self._state, command, terms = self._pilot.rest(self._state)
-        return resting_reference(self._rig), command, terms
+        x_m = self._state.estimate.x_m
+        return replace(resting_reference(self._rig), x_m=x_m), command, terms
 
     def _write(self, command: Command) -> None:
         most = self._limits.max_speed_steps_per_s
