@@ -141,3 +141,62 @@ def test_guess_finds_what_a_system_asks_for_by_the_joints_names(tmp_path: Path) 
     some = [message if k % 2 else joints(["grip"], [0.1 * k]) for k, message in enumerate(arm)]
     text = guess_columns(log(tmp_path, some), asked)
     assert '[columns.shoulder_rad]  # -99 to -1\ncolumn = "/m.position[shoulder]"' in text
+
+
+def states(**interfaces: Sequence[float]) -> dict[str, Any]:
+    """A message as control_msgs/DynamicJointState: position and velocity of each joint."""
+    values = [
+        {"interface_names": ["position", "velocity"], "values": list(each)}
+        for each in interfaces.values()
+    ]
+    return {"joint_names": list(interfaces), "interface_values": values}
+
+
+def test_what_a_joint_has_is_called_by_its_interface_and_not_by_another_joint(
+    tmp_path: Path,
+) -> None:
+    """The velocity of the shoulder was that of the elbow, as there are two of both."""
+    path = log(tmp_path, [states(shoulder=[k, 2 * k], elbow=[-k, -2 * k]) for k in range(100)])
+    text = guess_columns(path)
+    assert 'of shoulder velocity\ncolumn = "/m.interface_values[0].values[1]"' in text
+    address = "/m.interface_values[shoulder].values[velocity]"
+    assert read(path, address).columns["x"].tolist() == list(range(0, 200, 2))
+    orders = [("shoulder", "elbow"), ("elbow", "shoulder")]
+    both = [states(**{joint: [k, 2 * k] for joint in orders[k % 2]}) for k in range(100)]
+    by_name = guess_columns(log(tmp_path, both))
+    assert f'column = "{address}"' in by_name
+    assert ", of " not in by_name
+    with pytest.raises(UnusableInput, match="that has 'position', 'velocity'"):
+        read(path, "/m.interface_values[shoulder].values[elbow]")
+
+
+def test_the_points_of_a_trajectory_are_no_joints(tmp_path: Path) -> None:
+    """There are as many of them as of joints, and the names are of the positions of each."""
+    points = [[{"positions": [k, -k]}, {"positions": [k + 1, -k - 1]}] for k in range(100)]
+    path = log(tmp_path, [{"joint_names": ["a", "b"], "points": each} for each in points])
+    assert read(path, "/m.points[1].positions[b]").columns["x"].tolist() == [
+        -k - 1 for k in range(100)
+    ]
+    with pytest.raises(UnusableInput, match=r"points\[a\].positions\[b\]' is not there"):
+        read(path, "/m.points[a].positions[b]")
+
+
+def test_only_lists_that_joints_have_are_of_the_joints(tmp_path: Path) -> None:
+    """A vector of three numbers is not that of three joints, nor data that of a state's word."""
+    three = [joints("abc" if k % 2 else "cba", [0, 0, 0]) for k in range(100)]
+    down = log(tmp_path, [{**m, "gravity": [0.0, k, -9.81]} for k, m in enumerate(three)])
+    assert read(down, "/m.gravity[1]").columns["x"].tolist() == list(range(100))
+    told = [{"names": ["ok" if k < 50 else "warn"], "data": [k]} for k in range(100)]
+    path = log(tmp_path, told)
+    assert read(path, "/m.data[0]").columns["x"].tolist() == list(range(100))
+
+
+def test_names_are_of_the_outermost_list_alone(tmp_path: Path) -> None:
+    """Two efforts of one joint are not those of both joints."""
+    path = log(
+        tmp_path,
+        [{"name": ["a", "b"], "pose": [{"effort": [k, 0]}, {"effort": [0, k]}]} for k in range(99)],
+    )
+    assert read(path, "/m.pose[b].effort[1]").columns["x"].tolist() == list(range(99))
+    with pytest.raises(UnusableInput, match="is not there"):
+        read(path, "/m.pose[b].effort[a]")

@@ -473,8 +473,9 @@ def _entry(
     yield ""
     in_kelvin = _CELSIUS.sub("K", field.name) if unit == "K" else field.name
     name = match.asked.name if match else _name(in_kelvin, taken)
-    is_named = f"[{field.of}]" in field.name
-    of = f", of {plain_line(field.of)}" if field.of and not is_named else ""
+    in_address = [n for n in re.findall(r"\[([^\[\]]+)\]", field.name) if not n.isdigit()]
+    is_named = field.of in ("", " ".join(in_address))
+    of = "" if is_named else f", of {plain_line(field.of)}"
     yield f"[columns.{name}]  # {_range(there)}{of}"
     yield f"column = {toml(field.name)}{_seen_by(match)}"
     yield from _place(file, base, field.name)

@@ -226,7 +226,7 @@ def _fields(topic: str, seen: Sequence["_Number"]) -> Iterator[Field]:
         called.setdefault(n.name, set()).add(n.called)
     varies = any(len(names) > 1 for names in called.values())
     for name, n in {n.by_name if varies else n.name: n for n in seen}.items():
-        of = next(filter(None, reversed(n.called)), "")
+        of = " ".join(filter(None, n.called))
         yield Field(f"{topic}.{name}", topic, n.unit, 0.0, n.remark, n.is_typed, n.is_aside, of=of)
 
 

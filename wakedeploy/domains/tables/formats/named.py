@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 
-_LISTS = ("name", "names", "joint_names")  # beside a list of numbers, or of messages
+_LISTS = ("name", "names", "joint_names", "interface_names", "interface_groups")
+# A list beside names is theirs only if such messages have it: a `gravity` of three numbers is not
+# that of three joints, however many there are.
+_BESIDE = {
+    "position", "positions", "velocity", "velocities", "acceleration", "accelerations",
+    "effort", "efforts", "torque", "torques", "displacements", "current", "currents",
+    "voltage", "voltages", "temperature", "temperatures", "values", "transforms", "pose", "poses",
+    "twist", "wrench", "interface_values",
+}  # fmt: skip
+# Of these the names may stand further out, as beside the `points` of a trajectory.
+_WITHIN = {"positions", "velocities", "accelerations", "effort", "transforms"}
 _OWN = ("child_frame_id", "name")  # within an element
 
 
@@ -51,13 +61,42 @@ class Names:
 
 
 def _names(above: Sequence[Any], listed: Any) -> list[str]:
-    """The names of a list's elements, by a list of texts as long; none where there is none."""
-    for message in reversed(above):
-        for names in _texts(message, _LISTS):
-            is_of_it = isinstance(names, list) and names is not listed
-            if is_of_it and len(names) == len(listed) and all(isinstance(n, str) for n in names):
-                return list(names)
+    """The names of a list's elements, by a list of texts as long; none where there is none.
+
+    The innermost message that has names decides. Its names are of one list on the way, the
+    outermost: what is within one joint is no joint.
+    """
+    way = [*above, listed]
+    key = _key(way[-2], listed) if above else ""
+    for depth in range(len(above) - 1, -1, -1):
+        lists = list(_lists_of_names(way[depth]))
+        if not lists:
+            continue
+        is_beside = depth == len(above) - 1
+        if key not in (_BESIDE if is_beside else _WITHIN):
+            return []
+        free = [names for names in lists if is_beside or not _is_of(names, way[depth : depth + 2])]
+        return next((names for names in free if len(names) == len(listed)), [])
     return []
+
+
+def _is_of(names: Sequence[str], way: Sequence[Any]) -> bool:
+    """Whether the names of a message are those of the next list on a way, which stands in it."""
+    message, part = way
+    has_length = isinstance(part, list | tuple | np.ndarray)
+    return has_length and len(part) == len(names) and _key(message, part) in _BESIDE
+
+
+def _lists_of_names(message: Any) -> Iterator[list[str]]:
+    """The lists of a message that name something; it may have none."""
+    for names in _texts(message, _LISTS):
+        if isinstance(names, list) and names and all(isinstance(n, str) for n in names):
+            yield names
+
+
+def _key(message: Any, part: Any) -> str:
+    """What a message calls one of its parts; "" where it is none that has fields."""
+    return next((str(key) for key, value in _parts(message).items() if value is part), "")
 
 
 def _own_name(element: Any) -> str:
@@ -68,5 +107,11 @@ def _own_name(element: Any) -> str:
 
 def _texts(message: Any, keys: Sequence[str]) -> Iterator[Any]:
     """The fields of a message that may hold names."""
-    fields = message if isinstance(message, Mapping) else getattr(message, "__dict__", {})
+    fields = _parts(message)
     yield from (fields[key] for key in keys if key in fields)
+
+
+def _parts(message: Any) -> Mapping[Any, Any]:
+    """The fields of a message by their names; none of what has no fields."""
+    fields: Mapping[Any, Any] = getattr(message, "__dict__", {})
+    return message if isinstance(message, Mapping) else fields
