@@ -219,6 +219,37 @@ def test_seconds_and_nanoseconds_are_one_clock(tmp_path: Path) -> None:
             read(path, "version = 1\n" + wrong + Q)
 
 
+@pytest.mark.parametrize("stamp", ["{}", "{}e-3", "inf"])
+def test_stamps_that_are_no_seconds_have_no_nanoseconds_beyond_them(
+    tmp_path: Path, stamp: str
+) -> None:
+    """Whole stamps in ns or ms were taken for seconds: a log of 100 Hz was one of 1e-7 Hz."""
+    rows = [f"{stamp.format(START_NS + 10_000_000 * k)},0,{k % 7}" for k in range(400)]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["stamp.sec,stamp.nanosec,q", *rows]) + "\n")
+    said = (
+        "'stamp.sec' with nanoseconds: .* in line 2 is too large for seconds; give the column of "
+        r"whole seconds, or leave \[time\] nanoseconds out and give the unit"
+    )
+    with pytest.raises(UnusableInput, match=said):
+        read(log, "version = 1\n" + IN_TWO + Q)
+
+
+def test_a_column_whose_own_clock_is_the_seconds_alone_leaves_the_others_theirs(
+    tmp_path: Path,
+) -> None:
+    """All columns went onto the clock of the seconds, with five samples at 1 Hz."""
+    log = tmp_path / "log.csv"
+    in_two(log, "stamp.sec,stamp.nanosec,frame,q")
+    text = "version = 1\n" + IN_TWO + 'repeated = "last"\n[resample]\nrate_hz = 100\n' + Q
+    slow = '[columns.a_slow]\ncolumn = "q"\nrole = "output"\nunit = "1"\ntime = "stamp.sec"\n'
+    text = text.replace("[columns.q", slow + "[columns.q", 1)
+    (one,) = read(log, text).recordings
+    numbers = one.columns["q"]
+    assert len(np.unique(numbers)) > 100
+    assert len(set(one.clocks.values())) == 2
+
+
 @pytest.mark.parametrize("header", ["stamp.sec,stamp.nanosec,frame,q", "sec,nsec,frame,q", ""])
 def test_guess_sees_seconds_and_nanoseconds(tmp_path: Path, header: str) -> None:
     """Nanoseconds alone were the clock, and ended a recording with each second."""

@@ -58,6 +58,7 @@ from wakedeploy.domains.tables.stamps import (
 from wakedeploy.domains.tables.wanted import Wanted
 
 Vector = NDArray[np.float64]
+_Key = tuple[int, Clock | None]  # of a clock: its log, and all that says how it is read
 _DAY_S = 86_400
 _LOST_STEPS = 1.6  # usual ones, from which on a sample was lost between two
 _ABSURD = 1e30  # in any unit, nothing has so much of anything
@@ -217,10 +218,10 @@ class FileReader:
 
     def _stamps(
         self, places: Mapping[str, Place], raw: Mapping[tuple[int, str], Values]
-    ) -> dict[tuple[int, str], Vector]:
+    ) -> dict[_Key, Vector]:
         """Each clock's stamps [s] from one origin."""
-        found: dict[tuple[int, str], tuple[Values, Fraction]] = {}
-        lengths: dict[tuple[int, str], int] = {}
+        found: dict[_Key, tuple[Values, Fraction]] = {}
+        lengths: dict[_Key, int] = {}
         for place in places.values():
             key = _clock_key(place)
             if place.clock is None:
@@ -239,8 +240,8 @@ class FileReader:
     def _past_midnight(
         self,
         places: Mapping[str, Place],
-        found: Mapping[tuple[int, str], tuple[Values, Fraction]],
-    ) -> dict[tuple[int, str], tuple[Values, Fraction]]:
+        found: Mapping[_Key, tuple[Values, Fraction]],
+    ) -> dict[_Key, tuple[Values, Fraction]]:
         """The clocks with a day added to those that begin after midnight, where others do before.
 
         The parts of a recording may begin on either side of it.
@@ -286,7 +287,7 @@ class FileReader:
 
     def _timeline(
         self,
-        key: tuple[int, str],
+        key: _Key,
         places: Mapping[str, Place],
         numbers: Mapping[str, Vector],
         stamps_s: Vector,
@@ -304,7 +305,7 @@ class FileReader:
         self.notes += [f"{place.log.path}{called}: {note}" for note in notes]
         return line
 
-    def _cuts(self, seconds: Mapping[tuple[int, str], Vector]) -> list[slice]:
+    def _cuts(self, seconds: Mapping[_Key, Vector]) -> list[slice]:
         if self.columns.time.falling != "split":
             return [slice(None)]
         if len(seconds) > 1:
@@ -530,5 +531,5 @@ def _counted(place: Place, raw: Mapping[tuple[int, str], Values]) -> Values:
     )
 
 
-def _clock_key(place: Place) -> tuple[int, str]:
-    return id(place.log), place.clock.address if place.clock else ""
+def _clock_key(place: Place) -> _Key:
+    return id(place.log), place.clock

@@ -33,7 +33,8 @@ class Place:
     @property
     def stamped_by(self) -> str:
         """What columns that were stamped together share: file and clock."""
-        return f"{self.log.path.name}:{self.clock.address if self.clock else ''}"
+        clock = (self.clock.address, self.clock.nanoseconds) if self.clock else ()
+        return f"{self.log.path.name}:{' and '.join(filter(None, clock))}"
 
     def row(self, index: int) -> str:
         """What a row of it is called."""
