@@ -211,6 +211,8 @@ def test_seconds_and_nanoseconds_are_one_clock(tmp_path: Path) -> None:
     assert not reading.notes
     for wrong, said in (
         (IN_TWO.replace("stamp.sec", "q"), r"'q' with nanoseconds: .* is no whole second"),
+        (IN_TWO.replace("stamp.sec", "frame"), "with nanoseconds: 'base' is no number; mend it"),
+        (IN_TWO.replace("stamp.nanosec", "frame"), "with nanoseconds: 'base' is no number"),
         (IN_TWO.replace(".nanosec", ".sec"), "17300.* in line 2 is no nanoseconds of one"),
         (IN_TWO + 'unit = "ms"\n', 'whole seconds in `column`: unit = "s"'),
         ('[time]\nrate_hz = 100\nnanoseconds = "q"\n', "are for whole seconds in `column`"),

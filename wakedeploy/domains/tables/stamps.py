@@ -25,6 +25,7 @@ Place = Callable[[int], str]
 Refuse = Callable[[str, str], UnusableInput]  # of a reason and an advice
 
 _LATEST_S = 1e12
+_NO_SECONDS = "mend it, or leave [time] nanoseconds out"
 _MOST_WHOLE_S = 9.2e9  # beside nanoseconds: those of 64 bits end there, and ms since 1970 are more
 _SWAPPED_ROWS = 20  # that a message comes late, and not a clock that was set back
 _DATE = re.compile(r"%[dDjxcsuwFyYG]")  # of a form that has the day, too
@@ -163,13 +164,15 @@ def origin_s(starts_s: list[int]) -> int:
 
 def whole_ns(seconds: Values, nanoseconds: Values, row: Place, refuse: Refuse) -> Values:
     """Stamps [ns] (n,) of whole seconds and the nanoseconds beyond them; UnusableInput by row."""
+    for values in (seconds, nanoseconds):
+        if values.dtype.kind not in "fiub":
+            raise refuse(f"with nanoseconds: {str(values[0])[:40]!r} is no number", _NO_SECONDS)
     whole, beyond = as_floats(seconds), as_floats(nanoseconds)
-    other = "mend it, or leave [time] nanoseconds out"
     finer = "give the column of whole seconds, or leave [time] nanoseconds out and give the unit"
     for values, is_wrong, reason, advice in (
-        (seconds, np.isnan(whole) | (whole != np.floor(whole)), "no whole second", other),
+        (seconds, np.isnan(whole) | (whole != np.floor(whole)), "no whole second", _NO_SECONDS),
         (seconds, ~(np.abs(whole) < _MOST_WHOLE_S), "too large for seconds", finer),
-        (nanoseconds, ~(np.abs(beyond / 1e9 - 0.5) <= 0.5), "no nanoseconds of one", other),
+        (nanoseconds, ~(np.abs(beyond / 1e9 - 0.5) <= 0.5), "no nanoseconds of one", _NO_SECONDS),
     ):
         if is_wrong.any():
             at = int(np.argmax(is_wrong))
