@@ -157,7 +157,16 @@ def test_a_bag_of_a_recorder_that_was_killed_is_read_by_the_names_of_its_files(
     assert all("holds bags (bag); give these" in said for said in told(tmp_path / "bags"))
 
 
-@pytest.mark.parametrize("names", [("a_0.db3", "b_0.db3"), ("run_0.mcap", "run_1.mcap")])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("a_0.db3", "b_0.db3"),
+        ("run_1.db3", "run_2.db3"),
+        ("run_0.db3", "run_2.db3"),
+        ("run_0.mcap", "run_1.mcap"),
+        ("logs_1.mcap", "logs_2.mcap"),
+    ],
+)
 def test_recordings_beside_each_other_are_no_bag(tmp_path: Path, names: tuple[str, str]) -> None:
     for name in names:
         bag = rover_bag(tmp_path / Path(name).stem, name.rpartition(".")[2])
@@ -165,6 +174,18 @@ def test_recordings_beside_each_other_are_no_bag(tmp_path: Path, names: tuple[st
         next(bag.glob(f"*{Path(name).suffix}")).rename(tmp_path / "logs" / name)
     with pytest.raises(UnusableInput, match="is a folder; say in which of its files"):
         read_recordings([tmp_path / "logs"], parse_columns(COLUMNS))
+
+
+def test_of_a_bag_without_its_description_one_file_may_be_read(tmp_path: Path) -> None:
+    """The sentence was that the folder is a file; with a description all files are one bag."""
+    bag = rover_bag(tmp_path / "bag", "db3")
+    (file,) = bag.glob("*.db3")
+    columns = parse_columns(COLUMNS.replace("role =", f'file = "{file.name}"\nrole ='))
+    with pytest.raises(UnusableInput, match="is one bag, of which all files are read; leave file"):
+        read_recordings([bag], columns)
+    (bag / "metadata.yaml").unlink()
+    (one,) = read_recordings([bag], columns).recordings
+    assert len(one.time_s) == 40
 
 
 @pytest.mark.parametrize("kind", ["db3", "mcap"])

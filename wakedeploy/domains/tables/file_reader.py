@@ -135,8 +135,12 @@ class FileReader:
                 f"{self.path}: is a folder; say in which of its files each column stands"
                 ' (file = "state.csv" in its table), or give files.'
             )
-        if is_log(self.path):
+        if not self.path.is_dir():
             raise UnusableInput(f"{self.path}: is one file; give the folder that holds {file}.")
+        if (self.path / "metadata.yaml").is_file():
+            raise UnusableInput(
+                f'{self.path}: is one bag, of which all files are read; leave file = "{file}" out.'
+            )
         if Path(file).name != file:
             raise UnusableInput(f"{self.path}: {file!r} is no name of a file in that folder.")
         require_size(self.path / file)

@@ -48,6 +48,7 @@ _ARDUPILOT = (
     "--types IMU"
 )
 _TEXTS = {".json", ".jsonl", ".ndjson"}  # of these, that are text and yet no table
+_NUMBER = re.compile(r"_([0-9]+)$")  # of a part of a bag
 _NAMED = 3  # bags of a folder
 _TEXT_BYTES = 4096  # of a file without a known name that show whether it is text
 
@@ -77,14 +78,16 @@ def is_log(path: Path) -> bool:
 def _parts(folder: Path) -> list[Path]:
     """The files of a folder that are the parts of one bag, and all of its logs; else none.
 
-    rosbag2 numbers them behind the bag's name, which is the folder's. MCAP files of other names may
-    be recordings of their own.
+    rosbag2 numbers them from 0 on behind the bag's name, which is the folder's. MCAP files of other
+    names may be recordings of their own, and so may files with other numbers.
     """
     files = [p for p in folder.iterdir() if p.is_file() and _is_named_as_log(p)]
-    stems = {re.sub(r"_\d+$", "", p.stem) for p in files}
+    stems = {_NUMBER.sub("", p.stem) for p in files}
     kinds = {p.suffix.lower() for p in files}
+    numbers = [int(number[1]) for p in files if (number := _NUMBER.search(p.stem))]
     is_bag = kinds == {".db3"} or (kinds == {".mcap"} and stems == {folder.absolute().name})
-    return files if is_bag and len(stems) == 1 else []
+    is_one = len(files) == 1 or sorted(numbers) == list(range(len(files)))
+    return files if is_bag and is_one and len(stems) == 1 else []
 
 
 def _is_named_as_log(path: Path) -> bool:
