@@ -9,6 +9,7 @@ import pytest
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.formats.delimited import DelimitedLog
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.domains.tables.reading import Reading, read_recordings
 
@@ -264,6 +265,25 @@ def test_guess_sees_seconds_and_nanoseconds(tmp_path: Path, header: str) -> None
     (one,) = read_recordings([tmp_path / "log.csv"], parse_columns(given)).recordings
     assert len(one.time_s) == 400
     assert f'column = "{q}"' in text
+
+
+def test_a_table_without_a_header_is_not_read_again_for_each_of_its_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reads: list[int] = []
+    read_columns = DelimitedLog.read
+    monkeypatch.setattr(
+        DelimitedLog, "read", lambda *a: reads.append(len(a[1])) or read_columns(*a)
+    )
+    counts = []
+    for width in (10, 60):
+        rows = [[k % 7 + column for column in range(width)] for k in range(50)]
+        path = tmp_path / f"{width}.csv"
+        path.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
+        del reads[:]
+        guess_columns(path)
+        counts.append(len(reads))
+    assert counts[0] == counts[1]
 
 
 def test_guess_takes_no_counter_beside_whole_numbers_for_a_clock(tmp_path: Path) -> None:

@@ -130,7 +130,7 @@ def called_times(log: Log, fields: Sequence[Field]) -> Iterator[Timing]:
 
 def even_clock(log: Log, field: Field) -> Timing | None:
     """A field as a clock by what it does; None for any other."""
-    if not _rises_evenly(log, field) or (found := _clock(log, field)) is None:
+    if not _is_even(_steps(log, field)) or (found := _clock(log, field)) is None:
         return None
     return _doubted(found, "it rises evenly")
 
@@ -278,11 +278,30 @@ def _pairs(names: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _counted(log: Log, whole: str, beyond: str) -> Values | None:
     """Stamps [ns] of whole seconds and nanoseconds; None for columns that are no such."""
+    return _both(_as_stamps(log, [whole, beyond]), whole, beyond)
+
+
+def _both(read: Mapping[str, Values], whole: str, beyond: str) -> Values | None:
+    """Stamps [ns] of two columns that were read; None for columns that are no such."""
     try:
-        read = log.read([whole, beyond], [whole, beyond])
         return whole_ns(read[whole], read[beyond], str, _never)
-    except (UnusableInput, TypeError, ValueError):  # texts among them
+    except (KeyError, UnusableInput, TypeError, ValueError):  # one could not be read, or has texts
         return None
+
+
+def _as_stamps(log: Log, names: Sequence[str]) -> dict[str, Values]:
+    """The columns that can be read, as stamps.
+
+    All are read at once, as each reading goes through the whole log; where one of them cannot be
+    read, or all are too many, each half is read by itself.
+    """
+    try:
+        return log.read(names, names)
+    except UnusableInput:
+        middle = len(names) // 2
+        if not middle:
+            return {}
+        return _as_stamps(log, names[:middle]) | _as_stamps(log, names[middle:])
 
 
 def _without_names(log: Log, fields: Sequence[Field]) -> Timing | None:
@@ -291,9 +310,15 @@ def _without_names(log: Log, fields: Sequence[Field]) -> Timing | None:
     Seconds stand still for some rows, nanoseconds begin again where one ends, and both together
     rise with each row.
     """
-    names = [field.name for field in fields[:MOST_COLUMNS] if field.name.startswith("#")]
-    for whole, beyond in itertools.pairwise(names):
-        counted = _counted(log, whole, beyond)
+    several = [field for field in fields[:MOST_COLUMNS] if field.name.startswith("#")]
+    pairs = [
+        (whole.name, beyond.name)
+        for whole, beyond in itertools.pairwise(several)
+        if whole.example is not None and beyond.example is not None
+    ]
+    read = _as_stamps(log, sorted({name for pair in pairs for name in pair})) if pairs else {}
+    for whole, beyond in pairs:
+        counted = _both(read, whole, beyond)
         if counted is None or len(counted) < _FEW_STAMPS or not (np.diff(counted) > 0).all():
             continue
         seconds, beyond_ns = np.divmod(counted, 10**9)
@@ -334,8 +359,10 @@ def _stated_rate(log: Log, fields: Sequence[Field]) -> Timing | None:
             rate = first if name in _RATE_NAMES else 1.0 / first
             return Timing((f"rate_hz = {rate:g}  # ? from {toml(field.name)}",))
     by_unit = sorted(fields[:MOST_COLUMNS], key=lambda field: not unit_in(field.name))
+    read = _as_stamps(log, [field.name for field in by_unit])
     for field in by_unit:
-        if (found := even_clock(log, field)) is not None:
+        is_even = field.name in read and _is_even(_steps_of(read[field.name]))
+        if is_even and (found := even_clock(log, field)) is not None:
             return found
     return None
 
@@ -372,19 +399,20 @@ def _rises(log: Log, field: Field) -> bool:
 
 def _steps(log: Log, field: Field) -> Vector | None:
     """The steps of a column from number to number; None for few, or for something else."""
-    try:
-        values = log.read([field.name], [field.name])[field.name]
-    except UnusableInput:
-        return None
+    read = _as_stamps(log, [field.name])
+    return _steps_of(read[field.name]) if read else None
+
+
+def _steps_of(values: Values) -> Vector | None:
+    """The steps of a column that was read; None for few, or for something else."""
     if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
         return None
     numbers = as_floats(values)
     return np.diff(numbers) if (np.abs(numbers) < LARGEST).all() else None
 
 
-def _rises_evenly(log: Log, field: Field) -> bool:
+def _is_even(steps: Vector | None) -> bool:
     """Whether a column is a clock by what it does: hardly anything else rises by even steps."""
-    steps = _steps(log, field)
     if steps is None:
         return False
     low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
