@@ -293,15 +293,23 @@ def _as_stamps(log: Log, names: Sequence[str]) -> dict[str, Values]:
     """The columns that can be read, as stamps.
 
     All are read at once, as each reading goes through the whole log; where one of them cannot be
-    read, or all are too many, each half is read by itself.
+    read, or all are too many, each half is read by itself. What is said of two columns alike is
+    wrong with the log, of which no column can be read.
     """
-    try:
-        return log.read(names, names)
-    except UnusableInput:
-        middle = len(names) // 2
-        if not middle:
-            return {}
-        return _as_stamps(log, names[:middle]) | _as_stamps(log, names[middle:])
+    found: dict[str, Values] = {}
+    said: set[str] = set()
+    left = [list(names)]
+    while left:
+        some = left.pop()
+        try:
+            found |= log.read(some, some)
+        except UnusableInput as error:
+            if len(some) > 1:
+                left += [some[: len(some) // 2], some[len(some) // 2 :]]
+            elif str(error) in said:
+                break
+            said.add(str(error) if len(some) == 1 else "")
+    return found
 
 
 def _without_names(log: Log, fields: Sequence[Field]) -> Timing | None:
