@@ -1,7 +1,8 @@
 """What messages call the elements of their lists: joints, models and frames, by their names."""
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.formats.messages import Message, MessageLog
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.domains.tables.guess_asked import Asked
 from wakedeploy.domains.tables.reading import read_recordings
@@ -129,6 +131,38 @@ def test_guess_lists_by_name_what_an_index_does_not_tell(tmp_path: Path) -> None
 def test_guess_looks_beyond_a_message_that_is_empty(tmp_path: Path) -> None:
     text = guess_columns(log(tmp_path, [joints([], []), *ONE[1:]]))
     assert 'column = "/m.position[1]"' in text
+
+
+@pytest.mark.parametrize("then", [ONE, TURNED[40:]])
+def test_guess_lists_what_has_no_name_at_first_once(
+    tmp_path: Path, then: list[dict[str, Any]]
+) -> None:
+    path = log(tmp_path, [joints([], [k, -k]) for k in range(5)] + then)
+    addresses = re.findall(r'column = "(/m.position.*)"', guess_columns(path))
+    is_one = then is ONE
+    index = ["/m.position[0]", "/m.position[1]"]
+    assert addresses == (index if is_one else ["/m.position[a]", "/m.position[b]"])
+
+
+@pytest.mark.parametrize(
+    ("topics", "most"), [(("/m", "/once"), 5_001), (("/m", "/once", "/never"), 200_001)]
+)
+def test_fields_are_listed_without_a_look_at_every_message(
+    tmp_path: Path, topics: tuple[str, ...], most: int
+) -> None:
+    """A topic with one message, as /tf_static, had all others read to their end."""
+    taken: list[int] = []
+
+    def stream() -> Iterator[Message]:
+        for k in range(10**6):
+            taken.append(k)
+            yield Message("/once" if k == 1 else "/m", k, b'{"x": 1.0}', json.loads)
+
+    bag = MessageLog(tmp_path, topics, stream)
+    assert [field.name for field in bag.fields()] == ["/m.x", "/once.x"]
+    assert len(taken) == most
+    said = f"{tmp_path}: no message of /never is among the first 200000; no field of it is listed"
+    assert bag.notes == ([said] if "/never" in topics else [])
 
 
 def test_guess_finds_what_a_system_asks_for_by_the_joints_names(tmp_path: Path) -> None:

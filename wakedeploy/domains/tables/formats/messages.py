@@ -27,6 +27,7 @@ from wakedeploy.domains.tables.log import (
 
 LOG_TIME = "log_time"
 _LOOKED_AT = 20  # messages of a topic for its fields: the first may be empty
+_ENOUGH, _MOST = 5_000, 200_000  # of all topics: once each has one, and whatever they have
 _LONGEST_VECTOR = 32  # numbers of one that are listed
 _DEEPEST = 8
 _ZSTD = b"\x28\xb5\x2f\xfd"  # as what rosbag2 compresses message by message begins
@@ -90,8 +91,14 @@ class MessageLog:
         """The numbers in the first messages, by topic; a note where one cannot be decoded."""
         seen: dict[str, list[_Number]] = {topic: [] for topic in self._topics}
         left = dict.fromkeys(self._topics, _LOOKED_AT)
-        for message in self._stream():
-            if not any(left.values()):
+        for count, message in enumerate(self._stream()):
+            most_left = max(left.values(), default=0)
+            if not most_left or count >= (_ENOUGH if most_left < _LOOKED_AT else _MOST):
+                silent = [topic for topic in self._topics if left[topic] == _LOOKED_AT]
+                if silent:
+                    first = f"among the first {_MOST}; no field of it is listed"
+                    named = " or ".join(sorted(silent))
+                    self.notes.append(f"{self.path}: no message of {named} is {first}")
                 break
             if not left[message.topic]:
                 continue
@@ -223,9 +230,10 @@ def _fields(topic: str, seen: Sequence["_Number"]) -> Iterator[Field]:
     """The numbers of a topic; by names where an index is now one element, now another."""
     called: dict[str, set[tuple[str, ...]]] = {}
     for n in seen:
-        called.setdefault(n.name, set()).add(n.called)
+        called.setdefault(n.name, set()).update({n.called} if any(n.called) else ())
     varies = any(len(names) > 1 for names in called.values())
-    for name, n in {n.by_name if varies else n.name: n for n in seen}.items():
+    listed = [n for n in seen if any(n.called) or not called[n.name]]  # a first one lacks names
+    for name, n in {n.by_name if varies else n.name: n for n in listed}.items():
         of = " ".join(filter(None, n.called))
         yield Field(f"{topic}.{name}", topic, n.unit, 0.0, n.remark, n.is_typed, n.is_aside, of=of)
 
