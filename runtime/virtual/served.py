@@ -26,16 +26,16 @@ def served(
     names, and for what the gantry cannot use.
     """
     links = (folder / PORT, folder / RANGES)
-    with contextlib.ExitStack() as left:
-        left.enter_context(alone(folder, "Another virtual gantry", "virtual-gantry"))
+    with contextlib.ExitStack() as opened:
+        opened.enter_context(alone(folder, "Another virtual gantry", "virtual-gantry"))
         for link in links:
             if link.exists() and not link.is_symlink():
                 raise UnusableInput(f"{link}: is no link of a virtual gantry; give another --out.")
-        gantry = left.enter_context(
+        gantry = opened.enter_context(
             VirtualGantryProcess(rig, seed=seed, firmware=firmware),
         )
         for link, place in zip(links, (Path(gantry.port), gantry.range_socket), strict=True):
             link.unlink(missing_ok=True)  # of a process that was killed
             link.symlink_to(place)
-            left.callback(link.unlink, missing_ok=True)
+            opened.callback(link.unlink, missing_ok=True)
         yield gantry

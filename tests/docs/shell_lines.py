@@ -57,7 +57,8 @@ NOT_RUN = {
     r" --from-symbolic": "needs a gap that no effect explains; tests/gap add one",
     r" deploy ": "needs a Pi; tests/deployment deploy to an ssh server of their own",
     r" (--live|--foxglove|live \S|log browse)": "serves until it is stopped; tests/live do it",
-    r" (rig virtual|.* --range-socket) ": "takes real time; test_port_page.py obeys both terminals",
+    r" (rig virtual|.* --range-socket|log show desk\.mcap)": "takes real time; test_port_page.py"
+    " obeys both terminals",
     r" --firmware": "needs the AVR compiler; tests/firmware fly the sketch on a simulated chip",
     r" (.* --wall-clock|bench latency)": "needs a quiet machine; the tests marked wallclock do it",
     r" --install-completion": "writes into the home; tests/cli/test_completion.py has one to give",

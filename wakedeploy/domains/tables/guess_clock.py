@@ -298,14 +298,14 @@ def _as_stamps(log: Log, names: Sequence[str]) -> dict[str, Values]:
     """
     found: dict[str, Values] = {}
     said: set[str] = set()
-    left = [list(names)]
-    while left:
-        some = left.pop()
+    pending = [list(names)]
+    while pending:
+        some = pending.pop()
         try:
             found |= log.read(some, some)
         except UnusableInput as error:
             if len(some) > 1:
-                left += [some[: len(some) // 2], some[len(some) // 2 :]]
+                pending += [some[: len(some) // 2], some[len(some) // 2 :]]
             elif str(error) in said:
                 break
             said.add(str(error) if len(some) == 1 else "")

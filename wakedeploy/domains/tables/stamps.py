@@ -273,10 +273,10 @@ def _doubled(again: NDArray[np.intp], kept: str) -> str:
     repeated, most = int((again > 0).sum()), int(again.max()) + 1
     times = "twice" if most == 2 else f"up to {most} times"
     stamps = "1 stamp was" if repeated == 1 else f"{repeated} stamps were"
-    told = f"{stamps} there {times}; the {kept} row of each was kept"
+    remark = f"{stamps} there {times}; the {kept} row of each was kept"
     if 2 * repeated < len(again):
-        return told
-    return f"{told}. Where these are several robots or runs in one table, make a log of each"
+        return remark
+    return f"{remark}. Where these are several robots or runs in one table, make a log of each"
 
 
 def _second_row(line: Timeline, values: Vector, stamp: int) -> int:

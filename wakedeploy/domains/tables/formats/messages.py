@@ -90,24 +90,24 @@ class MessageLog:
     def _seen(self) -> dict[str, list["_Number"]]:
         """The numbers in the first messages, by topic; a note where one cannot be decoded."""
         seen: dict[str, list[_Number]] = {topic: [] for topic in self._topics}
-        left = dict.fromkeys(self._topics, _LOOKED_AT)
+        unread = dict.fromkeys(self._topics, _LOOKED_AT)
         for count, message in enumerate(self._stream()):
-            most_left = max(left.values(), default=0)
+            most_left = max(unread.values(), default=0)
             if not most_left or count >= (_ENOUGH if most_left < _LOOKED_AT else _MOST):
-                silent = [topic for topic in self._topics if left[topic] == _LOOKED_AT]
+                silent = [topic for topic in self._topics if unread[topic] == _LOOKED_AT]
                 if silent:
                     first = f"among the first {_MOST}; no field of it is listed"
                     named = " or ".join(sorted(silent))
                     self.notes.append(f"{self.path}: no message of {named} is {first}")
                 break
-            if not left[message.topic]:
+            if not unread[message.topic]:
                 continue
-            left[message.topic] -= 1
+            unread[message.topic] -= 1
             try:
                 seen[message.topic] += _numbers(self._decoded(message))
             except UnusableInput as error:
                 self.notes.append(str(error).rstrip("."))
-                left[message.topic] = 0
+                unread[message.topic] = 0
         return seen
 
     def clock_of(self, address: str) -> Clock | None:
@@ -178,11 +178,11 @@ class MessageLog:
 
     def _other(self, read: _Read, what: str) -> UnusableInput:
         """The sentence for an index that is not the same element in all messages."""
-        own, by_name = next(filter(None, read.called)), _by_name(read)
+        usual, by_name = next(filter(None, read.called)), _by_name(read)
         advice = f"ask for it by its name, as {by_name!r}"
         if by_name == read.address:
             advice = "record what several send on topics of their own"
-        return refused(self.path, read.address, f"is that of {own!r}, and {what}", advice)
+        return refused(self.path, read.address, f"is that of {usual!r}, and {what}", advice)
 
     def _column(self, read: _Read, is_stamp: bool) -> Values:
         address, values = read.address, read.values
