@@ -99,7 +99,7 @@ def test_a_chart_has_minus_signs() -> None:
 
 
 def test_a_chart_asks_for_each_value_a_few_times_only() -> None:
-    """Each point's place had asked for the ranges, and these for every value: minutes a report."""
+    """Each point's place had asked for the ranges, and these for every value."""
 
     class Counted(list[float]):
         asked = 0

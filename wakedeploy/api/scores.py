@@ -103,11 +103,11 @@ def score_row(about: About, split: str, found: Found, seconds: float) -> ScoreRo
 class Scores:
     """Errors of several runs on the same samples, forces (T, o), of one split.
 
-    `rows` has a `ScoreRow` per run; `force` are the channels with their units. `baselines` has, by
-    lead [s] and name, what a predictor has to beat: zero, the training set's mean force, linear
-    regressions on one tick and on a window, and a set's observer of the sufferer's motion. RMSE is
-    in the channel's unit (N for forces), R² has none. `to_pandas` raises UnusableInput where pandas
-    is not installed.
+    `rows` has a `ScoreRow` per run or package; `force` are the channels with their units. By lead
+    [s] and name, `baselines` has what a predictor has to beat: zero, the training set's mean force,
+    linear regressions on one tick and on a window, and a set's observer of the sufferer's motion.
+    RMSE is in the channel's unit (N for forces), R² has none. `to_pandas` raises UnusableInput
+    where pandas is not installed.
     """
 
     rows: tuple[ScoreRow, ...]

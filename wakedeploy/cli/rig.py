@@ -104,7 +104,10 @@ def virtual(path: Path | None, out: Path, seed: int, firmware: bool) -> None:
         place = ("--port", str(out / PORT), "--range-socket", str(out / RANGES))
         click.echo(f"The virtual gantry answers until Ctrl-C: {shlex.join(place)}")
         gantry.wait()
-    raise CheckFailed("The virtual gantry's process has ended; see its message above.")
+    raise CheckFailed(
+        "The virtual gantry's process has ended. Its message, if it had one, stands above; the "
+        "same command starts it again."
+    )
 
 
 def _flat(table: dict[str, Any], above: str = "") -> dict[str, str]:
