@@ -20,7 +20,9 @@ _LEAST_VARIANCE = 1e-300
 _CAUCHY = (2.0 / math.pi) ** 0.5  # his density over the normal one's, in the middle
 _LOST_NORM = 1e9  # of a matrix times a sample: such a lane has left its model
 _SWEEPS, _AGREED = 40, 1e-6  # over frictions that change each other's speeds; shares of strengths
-_WIDE = 8  # lanes that are computed side by side, as a processor's registers hold them
+# Lanes that are computed side by side. A loop over eight is written out in full by the compiler, and
+# takes twice as long as one over many; the matrices of more than these leave the first cache.
+_WIDE = 96
 
 
 @compiled
@@ -123,54 +125,56 @@ def stepped(
     n, lanes = rates.shape[0], rates.shape[2]
     pushes = x.shape[0] - n
     every = n + pushes
-    a, f, phi = np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE))
-    half, work, power = np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE))
-    whole, cov = np.zeros((n, every, _WIDE)), np.empty((every, every, _WIDE))
-    carried, kept = np.empty((every, every, _WIDE)), np.empty((pushes, _WIDE))
-    moved, slope = np.empty((n, _WIDE)), np.empty((n, _WIDE))
-    total, of = np.empty(_WIDE), np.empty(_WIDE, np.int64)
-    for first in range(0, lanes, _WIDE):
-        for w in range(_WIDE):
+    groups = (lanes + _WIDE - 1) // _WIDE
+    wide = (lanes + groups - 1) // groups
+    a, f, phi = np.empty((n, n, wide)), np.empty((n, n, wide)), np.empty((n, n, wide))
+    half, work, power = np.empty((n, n, wide)), np.empty((n, n, wide)), np.empty((n, n, wide))
+    whole, cov = np.zeros((n, every, wide)), np.empty((every, every, wide))
+    carried, kept = np.empty((every, every, wide)), np.empty((pushes, wide))
+    moved, slope = np.empty((n, wide)), np.empty((n, wide))
+    total, of = np.empty(wide), np.empty(wide, np.int64)
+    for first in range(0, lanes, wide):
+        for w in range(wide):
             of[w] = min(first + w, lanes - 1)  # the last lane fills up what is left
         _linearised(rates, aside, of, slope, a)
         for d in range(pushes):
-            for w in range(_WIDE):
+            for w in range(wide):
                 kept[d, w] = keep[d, of[w]]
                 slope[driven[d], w] += x[n + d, of[w]] * (dt_s if discrete else 1.0)
         for i in range(every):
             for j in range(every):
-                for w in range(_WIDE):
+                for w in range(wide):
                     cov[i, j, w] = p[i, j, of[w]]
         if discrete:
             for i in range(n):
-                for w in range(_WIDE):
+                for w in range(wide):
                     moved[i, w] = slope[i, w]
                 for j in range(n):
-                    for w in range(_WIDE):
+                    for w in range(wide):
                         f[i, j, w] = a[i, j, w]
                         phi[i, j, w] = 1.0 if i == j else 0.0
         else:
             _exponential(a, dt_s, f, phi, half, work, power, total)
             for i in range(n):
-                for w in range(_WIDE):
+                for w in range(wide):
                     moved[i, w] = x[i, of[w]]
                 for j in range(n):
-                    for w in range(_WIDE):
+                    for w in range(wide):
                         moved[i, w] += phi[i, j, w] * slope[j, w] * dt_s
             if rates.shape[1] > n + 1:
                 _early(rates, of, a, half, dt_s, moved)
         for i in range(n):
             for j in range(n):
-                for w in range(_WIDE):
+                for w in range(wide):
                     whole[i, j, w] = f[i, j, w]
             for d in range(pushes):
-                for w in range(_WIDE):
+                for w in range(wide):
                     whole[i, n + d, w] = phi[i, driven[d], w] * dt_s
         if len(dry) > 0:
             _rubbed(moved, whole, x, of, dry, strengths, turnings, answers, phi, dt_s, discrete)
         _sandwich(whole, kept, cov, carried, total)
         _disturbed(cov, f, half, driven, sd, of, dt_s, discrete, total)
-        for w in range(min(_WIDE, lanes - first)):
+        for w in range(min(wide, lanes - first)):
             lane = first + w
             for d in range(pushes):
                 cov[n + d, n + d, w] += fresh[d, lane] ** 2
@@ -197,7 +201,7 @@ def _early(
     """
     n = a.shape[0]
     turned = np.empty(n)
-    for w in range(_WIDE):
+    for w in range(a.shape[2]):
         lane = of[w]
         for i in range(n):
             turned[i] = 0.0
@@ -229,7 +233,7 @@ def _rubbed(
     """
     n, every, count = moved.shape[0], whole.shape[1], len(dry)
     change, share, slopes = np.empty((count, n)), np.empty(count), np.empty((count, every))
-    for w in range(_WIDE):
+    for w in range(moved.shape[1]):
         lane = of[w]
         for q in range(count):
             share[q] = 0.0
@@ -273,10 +277,10 @@ def _linearised(
     """Rates (n, W) and their Jacobians (n, n, W) in the lanes `of`."""
     n = rates.shape[0]
     for i in range(n):
-        for w in range(_WIDE):
+        for w in range(slope.shape[1]):
             slope[i, w] = rates[i, 0, of[w]]
         for j in range(n):
-            for w in range(_WIDE):
+            for w in range(slope.shape[1]):
                 a[i, j, w] = (rates[i, j + 1, of[w]] - rates[i, 0, of[w]]) / aside[j, of[w]]
 
 
@@ -299,15 +303,15 @@ def _disturbed(
     n = f.shape[0]
     for d in range(len(driven)):
         c = driven[d]
-        for w in range(_WIDE):
+        for w in range(cov.shape[2]):
             density[w] = (sd[d, of[w]] * dt_s) ** 2 / (1.0 if discrete else 6.0)
         if not discrete:
             for i in range(n):
                 for j in range(i, n):
-                    for w in range(_WIDE):
+                    for w in range(cov.shape[2]):
                         ends = 4.0 * half[i, c, w] * half[j, c, w] + f[i, c, w] * f[j, c, w]
                         cov[i, j, w] += density[w] * ends
-        for w in range(_WIDE):
+        for w in range(cov.shape[2]):
             cov[c, c, w] += density[w]
 
 
@@ -323,20 +327,20 @@ def _sandwich(
     _times(f, cov, work, total)
     for i in range(n, every):
         for j in range(every):
-            for w in range(_WIDE):
+            for w in range(f.shape[2]):
                 work[i, j, w] = kept[i - n, w] * cov[i, j, w]
     for i in range(every):
         for j in range(i, every):
             if j >= n:
-                for w in range(_WIDE):
+                for w in range(f.shape[2]):
                     cov[i, j, w] = work[i, j, w] * kept[j - n, w]
                 continue
-            for w in range(_WIDE):
+            for w in range(f.shape[2]):
                 total[w] = work[i, 0, w] * f[j, 0, w]
             for m in range(1, every):
-                for w in range(_WIDE):
+                for w in range(f.shape[2]):
                     total[w] += work[i, m, w] * f[j, m, w]
-            for w in range(_WIDE):
+            for w in range(f.shape[2]):
                 cov[i, j, w] = total[w]
 
 
@@ -359,12 +363,12 @@ def _exponential(
     n = a.shape[0]
     norm = 0.0
     for i in range(n):
-        for w in range(_WIDE):
+        for w in range(a.shape[2]):
             total[w] = 0.0
         for j in range(n):
-            for w in range(_WIDE):
+            for w in range(a.shape[2]):
                 total[w] += abs(a[i, j, w])
-        for w in range(_WIDE):
+        for w in range(a.shape[2]):
             if total[w] * dt_s < _LOST_NORM:
                 norm = max(norm, total[w] * dt_s)
     halvings = 1
@@ -373,7 +377,7 @@ def _exponential(
     scale = dt_s * 0.5**halvings
     for i in range(n):
         for j in range(n):
-            for w in range(_WIDE):
+            for w in range(a.shape[2]):
                 phi[i, j, w] = power[i, j, w] = 1.0 if i == j else 0.0
     factor, power_norm = 1.0, 1.0
     for order in range(1, _TAYLOR + 1):
@@ -381,7 +385,7 @@ def _exponential(
         factor /= order + 1
         for i in range(n):
             for j in range(n):
-                for w in range(_WIDE):
+                for w in range(a.shape[2]):
                     power[i, j, w] = work[i, j, w] * scale
                     phi[i, j, w] += factor * power[i, j, w]
         power_norm *= norm * 0.5**halvings
@@ -390,18 +394,18 @@ def _exponential(
     _times(phi, a, work, total)
     for i in range(n):
         for j in range(n):
-            for w in range(_WIDE):
+            for w in range(a.shape[2]):
                 f[i, j, w] = work[i, j, w] * scale + (1.0 if i == j else 0.0)
     for _ in range(halvings):
         for i in range(n):
             for j in range(n):
-                for w in range(_WIDE):
+                for w in range(a.shape[2]):
                     half[i, j, w] = f[i, j, w]
                     power[i, j, w] = 0.5 * (f[i, j, w] + (1.0 if i == j else 0.0))
         _times(power, phi, work, total)
         for i in range(n):
             for j in range(n):
-                for w in range(_WIDE):
+                for w in range(a.shape[2]):
                     phi[i, j, w] = work[i, j, w]
         _times(half, half, f, total)
 
@@ -411,12 +415,12 @@ def _times(first: FloatArray, other: FloatArray, product: FloatArray, total: Flo
     """Products of matrices (n, m, W) and (m, k, W), lane by lane."""
     for i in range(first.shape[0]):
         for j in range(other.shape[1]):
-            for w in range(_WIDE):
+            for w in range(first.shape[2]):
                 total[w] = first[i, 0, w] * other[0, j, w]
             for m in range(1, other.shape[0]):
-                for w in range(_WIDE):
+                for w in range(first.shape[2]):
                     total[w] += first[i, m, w] * other[m, j, w]
-            for w in range(_WIDE):
+            for w in range(first.shape[2]):
                 product[i, j, w] = total[w]
 
 
