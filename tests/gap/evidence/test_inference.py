@@ -51,6 +51,44 @@ def test_a_fit_ends_as_near_as_it_is_told_to() -> None:
         assert 0.5 * away @ np.linalg.solve(covariance, away) < enough_nats
 
 
+class Hovering(Linear):
+    """A thrust u moves a mass m by (1 + e) u / m: precise readings tell next to only the ratio."""
+
+    SD = 1e-4
+
+    def __init__(self) -> None:
+        super().__init__({})
+        rng = np.random.default_rng(3)
+        self.thrust = 8.0 + rng.standard_normal((EPISODES, 60))
+        self.read = self.thrust * 0.6 / 0.5 + self.SD * rng.standard_normal((EPISODES, 60))
+
+    def free(self, hypothesis):
+        mass = Free("mass", "kg", 0.5, 0.01, 0.1, 2.0, 2e-4)
+        return (mass, Free("gain.error", "1", 0.0, np.inf, -0.9, 5.0, 1e-3, (0.1,)))
+
+    def score(self, hypothesis, theta, episode):
+        mass, error = theta
+        rest = self.read[episode] - self.thrust[episode] * (1.0 + error) / mass
+        variance = np.full(len(rest), self.SD**2)
+        return Score(norm.logpdf(rest, scale=self.SD), rest, variance, np.ones(len(rest)))
+
+
+def test_a_fit_follows_a_narrow_ridge_to_its_top() -> None:
+    """Where a constant has bent to what was missing, the ridge back is a thousandth as wide as
+    a finite difference reaches."""
+    model = Hovering()
+    begun = fit(model, ("gain",), EVERY, np.array([0.7, -0.16]))
+    fitted, still = settled(model, begun)
+    assert begun.value("mass") > 0.55  # a plain climb ends on the way
+    assert still
+    ratio = float((model.read * model.thrust).sum() / (model.thrust**2).sum())
+    # Along the ridge only the prior speaks, of sd 0.01 kg: half a nat from the stated mass.
+    assert fitted.value("mass") == pytest.approx(0.5, abs=0.01)
+    assert (1.0 + fitted.value("gain.error")) / fitted.value("mass") == pytest.approx(
+        ratio, abs=1e-5
+    )
+
+
 class Thought(Linear):
     """The same, with an effect that was thought to be about so large before."""
 

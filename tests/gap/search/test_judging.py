@@ -736,7 +736,9 @@ def test_a_pair_beside_a_name_is_held_to_what_one_effect_is(
         [_round_with()],
         weights={"a": helps},
     )
-    model = SimpleNamespace(sealed=list, simpler_effects=lambda name: ())
+    model = SimpleNamespace(
+        sealed=list, simpler_effects=lambda name: (), inputs_answered=lambda fitted, name: 1.0
+    )
     further = rounds._pair(model, named, beside[0], beside, lambda *given: None)
     assert (further and further.rivals) == left
     assert further is None or set(further.weights) == {"a", "b", "c"}

@@ -134,5 +134,5 @@ def test_what_a_friction_holds_comes_to_rest_beside_it(monkeypatch):
     (found,) = ranked(model, base, [OFFSET])[0]
     expected = candidate(base, OFFSET, _climbed_to_the_end(model, base, OFFSET), model)
     assert expected.gain_nats > 50.0
-    assert found.gain_nats == pytest.approx(expected.gain_nats, abs=NEARLY)
+    assert found.gain_nats > expected.gain_nats - NEARLY
     assert settled(model, found.fit)[0].objective < found.fit.objective + 0.3

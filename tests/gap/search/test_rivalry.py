@@ -50,14 +50,20 @@ class _Offering(ComparisonDefaults):
         return 0.5 if name.startswith("added-inertia@") else 1.0
 
 
-def _verdict(name, why, gains, error, neutral=(0.0,)):
+def _verdict(name, why, gains, error, neutral=(0.0,), size=0.5):
     """A candidate whose forecasts of 24 stretches are off by `error`, give or take a fifth."""
-    free = tuple(SimpleNamespace(name=f"{name}.{k}", neutral=n) for k, n in enumerate(neutral))
+    free = tuple(
+        SimpleNamespace(name=f"{name}.{k}", neutral=n, low=-0.9, high=5.0)
+        for k, n in enumerate(neutral)
+    )
     rng = np.random.default_rng(len(name))
     squares = error**2 * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, (24, 1)))
     weight = SimpleNamespace(share=0.1, low=0.0, high=0.2)
     return Verdict(
-        Candidate(name, SimpleNamespace(free=free), np.array(gains)), why, weight, squares
+        Candidate(name, SimpleNamespace(free=free, value=lambda _: size), np.array(gains)),
+        why,
+        weight,
+        squares,
     )
 
 
@@ -173,6 +179,26 @@ def test_forecasts_take_out_no_leader_for_what_makes_inputs_do_less(apart, bette
     """A wake acts in a few blocks; a controller holds against it, as if there were more mass."""
     wake = _verdict("wake", ACCEPTED, [30.0, 0.0, 18.0, 0.0], 1.5)
     assert _told(wake, _verdict(better, ACCEPTED, [12.0, 6.0, 18.0, 1.0], 1.0)) == told
+
+
+@pytest.mark.parametrize(
+    ("gains", "error", "size", "told"),
+    [
+        ([20.0, 12.0, 18.0, 14.0], 1.5, 0.5, ["added-inertia@v", "wake"]),
+        ([20.0, 12.0, 18.0, 14.0], 1.5, 5.0, ["wake", "added-inertia@v"]),  # as far as it may
+        ([8.0, 4.0, 6.0, 5.0], 1.5, 0.5, ["added-inertia@v"]),
+    ],
+)
+def test_a_leader_by_which_inputs_do_less_has_rivals_that_gain_most_of_what_it_does(
+    apart, gains, error, size, told
+):
+    """A wake known in part only: of the rest, too, a controller holds against it."""
+    mass = _verdict("added-inertia@v", ACCEPTED, [25.0, 18.0, 26.0, 21.0], 1.0, size=size)
+    wake = _verdict("wake", ACCEPTED, gains, error)
+    assert _told(mass, wake) == told
+    assert _told(mass, replace(wake, why=HARDLY)) == ["added-inertia@v"]
+    many = [_verdict(f"wake {k}", ACCEPTED, gains, error) for k in range(4)]
+    assert len(_told(mass, *many)) == (3 if len(told) > 1 else 1)  # no class is larger
 
 
 def test_a_trifle_tells_no_forecasts_apart_however_sure_it_is():

@@ -4,10 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from linear_model import EPISODES, Linear
 
-from wakedeploy.gap.evidence.fits import Free
+from wakedeploy.gap.evidence.ascent import promised_nats
+from wakedeploy.gap.evidence.fits import NO_SLOPES, Free
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.search import scan
+from wakedeploy.gap.search.climbing import begun, fresh
 from wakedeploy.gap.search.comparison import ComparisonDefaults
 
 
@@ -31,7 +35,7 @@ def _fit(name, objective=0.0):
     free, theta = (_free(f"{name}.size"),), np.array([0.5])
     return SimpleNamespace(
         hypothesis=(name,), free=free, names=[free[0].name], theta=theta, objective=objective,
-        value=lambda _: 0.5,
+        value=lambda _: 0.5, slopes=NO_SLOPES,
     )  # fmt: skip
 
 
@@ -64,6 +68,22 @@ def test_only_what_is_higher_replaces_a_fit(monkeypatch):
         )
         scan.ranked(_Frictions(), base, ["finer@v", "dry@v"])
     assert [each["dry@v"] for each in asked] == [12.0, 12.0, 30.0]
+
+
+@pytest.mark.parametrize("is_climbed", [True, False])
+def test_what_a_race_left_on_its_way_is_climbed_if_its_slopes_promise_enough(is_climbed):
+    """A linear model's slopes promise exactly what is left of the way to the top."""
+    model = Linear({"a": 0.6, "c": 0.6 if is_climbed else 0.1})
+    base, *tops = (fit(model, h, range(EPISODES)) for h in ((), ("a",), ("c",)))
+    start = begun(model, ("c",), base, np.append(base.theta, 0.0))
+    short = fresh(model, start, start.theta)
+    assert promised_nats(short) == pytest.approx(tops[1].objective - short.objective, abs=0.1)
+    assert promised_nats(tops[1]) == pytest.approx(0.0, abs=0.1)
+    fitted = {"a": tops[0], "c": short}
+    rested = scan._rested(model, base, {"a": base}, fitted, {"a": tops[0]})
+    assert set(rested) == ({"c"} if is_climbed else set())
+    for found in rested.values():
+        assert found.objective == pytest.approx(tops[1].objective, abs=0.1)
 
 
 def test_ports_that_are_alike_do_not_fill_a_race():

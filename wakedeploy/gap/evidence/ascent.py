@@ -33,8 +33,13 @@ _ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, 
 _SETTLED_NATS, _FORM_SETTLED_NATS, _FAR_NATS = 2.0, 20.0, 200.0
 # A climb that slows to steps of this many nats is given up where its promise, times the optimism,
 # is less than it has to reach. Faster ones come from far away, where promises are too small.
-_SLOW_NATS, _OPTIMISM = 30.0, 3.0
+_SLOW_NATS, OPTIMISM = 30.0, 3.0
 _SHORTER = 3  # steps that are scored beside one, in case it gains nothing
+# Along a ridge: the share of its step that a finite difference reaches, the dampings of steps, the
+# points looked back to, and how many times farther than from there the climb goes.
+_NEAR = 0.01
+_DAMPINGS = tuple(10.0**power for power in range(-12, -2))
+_PASSED, _FARTHER = (1, 2, 4), (1.0, 3.0, 10.0, 30.0, 100.0)
 
 
 class Ascent:
@@ -76,7 +81,7 @@ class Ascent:
             if promised < self._enough_nats:
                 converged = True
                 break
-            if gained < _SLOW_NATS and value + _OPTIMISM * promised < self._least:
+            if gained < _SLOW_NATS and value + OPTIMISM * promised < self._least:
                 break
             self._look_ahead(slopes, theta, tried, promised, damping)
             scores = self._scores(tried)
@@ -91,15 +96,46 @@ class Ascent:
             slopes, theta = self._renewed(slopes, tried, scores, gained), tried
             if self._is_fresh:
                 self._learn(*before, slopes, theta)
+        return self._fitted(theta, slopes, converged)
+
+    def along_ridge(self, theta: FloatArray) -> Fit:
+        """The fit reached along a narrow ridge, where a damped step is short and others fall off.
+
+        Slopes show a direction that leaves the ridge before long, and steps go from side to side.
+        From a point on it to a later one is a better direction (Hooke and Jeeves 1961); steps of
+        all dampings and points farther on from where the climb has passed are scored together. Its
+        finite differences are short; those of the fit are not, as some likelihoods are jagged.
+        """
+        low, high = bounds_of(self._free)
+        slopes, passed, converged = self.slopes(theta, None, share=_NEAR), [theta], False
+        value = self._objective(slopes.scores, theta)
+        for _ in range(_ITERATIONS):
+            tried = [self._tried(slopes, theta, damping)[0] for damping in _DAMPINGS]
+            behind = [passed[-1 - back] for back in _PASSED if back < len(passed)]
+            tried += [
+                np.clip(theta + times * (theta - point), low, high)
+                for point in behind
+                for times in _FARTHER
+            ]
+            scored = self._many(np.array(tried))
+            reached = [self._objective(s, t) for s, t in zip(scored, tried, strict=True)]
+            best = int(np.argmax(np.nan_to_num(reached, nan=-np.inf)))
+            if not reached[best] - value > self._enough_nats:
+                converged = True
+                break
+            before, value = (slopes, theta), reached[best]
+            theta = tried[best]
+            slopes = self.slopes(theta, None, scored[best], share=_NEAR)
+            self._learn(*before, slopes, theta)
+            passed.append(theta)
+        return self._fitted(theta, self.slopes(theta, None, slopes.scores), converged)
+
+    def _fitted(self, theta: FloatArray, slopes: Slopes, converged: bool) -> Fit:
+        per_episode = densities(slopes.scores)
         return Fit(
-            self._hypothesis,
-            self._free,
-            self._episodes,
-            theta,
-            slopes,
-            densities(slopes.scores),
+            self._hypothesis, self._free, self._episodes, theta, slopes, per_episode,
             converged=converged,
-        )
+        )  # fmt: skip
 
     def _renewed(
         self, slopes: Slopes, theta: FloatArray, scores: tuple[Score, ...], gained: float
@@ -212,10 +248,15 @@ class Ascent:
         theta: FloatArray,
         known: tuple[Slopes, Sequence[int]] | None,
         scores: tuple[Score, ...] | None = None,
+        *,
+        share: float = 1.0,
     ) -> Slopes:
-        """All slopes fresh, or `known` ones with some columns renewed."""
+        """All slopes fresh, or `known` ones with some columns renewed.
+
+        Finite differences reach a `share` of the parameters' steps.
+        """
         columns = range(len(theta)) if known is None else known[1]
-        moved = [aside(theta, self._free, column) for column in columns]
+        moved = [aside(theta, self._free, column, share) for column in columns]
         sets = [m for m, _ in moved]
         if scores is None:
             *beside, here = self._many(np.array([*sets, theta]))
@@ -242,6 +283,23 @@ def slopes_at(
     return Ascent(model, hypothesis, free, tuple(episodes), None, -np.inf).slopes(theta, known)
 
 
+def parabola(fitted: Fit) -> tuple[FloatArray, FloatArray]:
+    """The gradient (p,) and the curvature (p, p) of the log posterior, by a fit's slopes."""
+    precision = prior_precision(fitted.free)
+    pulled = precision * (fitted.theta - neutral(fitted.free))
+    gradient = fitted.slopes.gradient().sum(0) - pulled
+    return gradient, np.asarray(fitted.slopes.fisher().sum(0) + np.diag(precision))
+
+
+def promised_nats(fitted: Fit) -> float:
+    """What a fit's slopes promise of the way to the top; 0 where there are none."""
+    if not fitted.slopes.innovation:
+        return 0.0
+    gradient, curvature = parabola(fitted)
+    step = top_within(fitted.theta, gradient, curvature, *bounds_of(fitted.free)) - fitted.theta
+    return float(gradient @ step - 0.5 * step @ curvature @ step)
+
+
 def _columns(
     scores: Sequence[Score], count: int, known: Sequence[FloatArray] | None
 ) -> list[FloatArray]:
@@ -250,9 +308,15 @@ def _columns(
     return [np.zeros((len(s.innovation), count)) for s in scores]
 
 
-def aside(theta: FloatArray, free: Sequence[Free], i: int) -> tuple[FloatArray, float]:
-    """The parameters with one of them moved by its step, on the side that has room; that step."""
-    size = free[i].step if theta[i] + free[i].step <= free[i].high else -free[i].step
+def aside(
+    theta: FloatArray, free: Sequence[Free], i: int, share: float = 1.0
+) -> tuple[FloatArray, float]:
+    """The parameters with one of them moved by its step, on the side that has room; that step.
+
+    It is moved by a `share` of its step.
+    """
+    size = share * free[i].step
+    size = size if theta[i] + size <= free[i].high else -size
     moved = theta.copy()
     moved[i] += size
     return moved, size

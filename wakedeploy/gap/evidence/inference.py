@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.ascent import ENOUGH_NATS, Ascent
+from wakedeploy.gap.evidence.ascent import ENOUGH_NATS, Ascent, promised_nats
 from wakedeploy.gap.evidence.fits import (
     LOST_NATS,
     Fit,
@@ -29,6 +29,7 @@ _FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all d
 _IMPLAUSIBLE = 2.0  # times what an episode gains: a parabola that loses more is looked into
 _MUCH_NATS = 10.0  # the least gain that this counts from
 _RISEN_NATS, _MOST_REFITS = 0.1, 4  # a smaller rise ends the repeats of a fit; how many there are
+_ON_RIDGE_NATS = 1.0  # what slopes promise where a climb has stopped on its way
 _AT_REST_SD = 0.1  # a size that a repeated fit moves by less has come to rest
 
 
@@ -48,7 +49,7 @@ def fit(
     save a round. With `moving`, only those parameters' slopes are renewed on the way, which is
     enough to tell a contender from the rest. A climb that will not reach an objective of `least` is
     given up, not converged. With `enough_nats` all slopes are renewed at every step, and a climb
-    that converges is within about that much of a summit.
+    that converges is within about that much of a summit, but on a narrow ridge: see `settled`.
     """
     free = model.free(hypothesis)
     theta = neutral(free) if start is None else np.clip(start, *bounds_of(free))
@@ -61,8 +62,20 @@ def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
     """A fit repeated from where it ended, and whether its effects' sizes have come to rest.
 
     They have if it no longer rises, or if the rise moves no size against its standard error: noise
-    may creep on for long, and how far it gets depends on how a processor rounds.
+    may creep on for long, and how far it gets depends on how a processor rounds. Where nothing
+    rises any more and slopes promise something all the same, a fit is on a ridge, and goes along
+    it: a constant that has bent to what is missing comes back beside it.
     """
+    fitted, is_at_rest = _repeated(model, fitted)
+    if is_at_rest and promised_nats(fitted) > _ON_RIDGE_NATS:
+        free, episodes = fitted.free, fitted.episodes
+        ridge = Ascent(model, fitted.hypothesis, free, episodes, None, -np.inf, ENOUGH_NATS)
+        fitted = ridge.along_ridge(fitted.theta)
+        return fitted, fitted.converged
+    return fitted, is_at_rest
+
+
+def _repeated(model: Model, fitted: Fit) -> tuple[Fit, bool]:
     moved = np.inf
     for _ in range(_MOST_REFITS):
         again = fit(

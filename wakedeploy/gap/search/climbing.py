@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wakedeploy.gap.evidence.ascent import aside, top_within
+from wakedeploy.gap.evidence.ascent import aside, parabola, top_within
 from wakedeploy.gap.evidence.fits import (
     NO_SLOPES,
     Fit,
@@ -19,8 +19,6 @@ from wakedeploy.gap.evidence.fits import (
     bounds_of,
     densities,
     log_prior,
-    neutral,
-    prior_precision,
     scores_of,
 )
 from wakedeploy.gap.evidence.inference import fit, settled
@@ -112,13 +110,9 @@ def _objective(fitted: Fit, theta: FloatArray, scores: Sequence[Score]) -> float
 
 def stepped(fitted: Fit, damping: float) -> FloatArray:
     """A step of Levenberg and Marquardt within the bounds."""
-    free, theta = fitted.free, fitted.theta
-    precision = prior_precision(free)
-    low, high = bounds_of(free)
-    gradient = fitted.slopes.gradient().sum(0) - precision * (theta - neutral(free))
-    curvature = fitted.slopes.fisher().sum(0) + np.diag(precision)
+    gradient, curvature = parabola(fitted)
     curvature += damping * np.diag(np.diag(curvature))
-    return top_within(theta, gradient, curvature, low, high)
+    return top_within(fitted.theta, gradient, curvature, *bounds_of(fitted.free))
 
 
 def fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:

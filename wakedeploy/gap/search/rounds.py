@@ -9,6 +9,7 @@ does not end the search: the next one is tried, and a pair with it.
 """
 
 import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
@@ -171,13 +172,20 @@ def is_worth_naming(weight: Weight, known: Sequence[str]) -> bool:
 def _best(
     model: Comparison, found: Fit, leader: Verdict, verdicts: Sequence[Verdict]
 ) -> list[Verdict]:
-    """A leader and its rivals, the accepted ones first, of these the simplest first."""
+    """A leader and its rivals, the accepted ones first, of these the simplest first.
+
+    What went as far as its effect may comes after those: it is more than that, or something else.
+    """
     alike = _alike(model, found, leader, verdicts)
     if not any(v.why == ACCEPTED for v in alike):  # no effect with better forecasts is evident
         return [leader]
-    return sorted(
-        alike, key=lambda v: (v.why != ACCEPTED, len(sizes_of(v.candidate.fit, v.candidate.name)))
-    )
+
+    def place(verdict: Verdict) -> tuple[bool, bool, int]:
+        sizes = sizes_of(verdict.candidate.fit, verdict.candidate.name)
+        ends = any(verdict.candidate.fit.value(f.name) in (f.low, f.high) for f in sizes)
+        return verdict.why != ACCEPTED, ends, len(sizes)
+
+    return sorted(alike, key=place)
 
 
 def _alike(
@@ -187,17 +195,38 @@ def _alike(
 
     Forecasts do not take out a leader if, unlike it, all that they leave makes inputs do far less.
     A controller's inputs answer what acts on a system; a forecast that does not know of it yet
-    takes them as they come, and is better the less they do.
+    takes them as they come, and is better the less they do. So are the blocks, as long as what acts
+    is known in part only; so of a leader that makes inputs do far less other effects are rivals
+    with a good share of what it gains.
     """
     alike = undecided(model, [leader, *_rivals(model, found, leader, verdicts)])
-    if leader not in alike and not _does_far_less(model, leader.candidate):
+    if not _does_far_less(model, leader.candidate):
         is_by_less = all(_does_far_less(model, v.candidate) for v in alike)
-        alike = [leader, *alike] if is_by_less else alike
+        alike = [leader, *alike] if is_by_less and leader not in alike else alike
+    elif leader in alike:
+        held = (v for v in _held_against(model, found, leader, verdicts) if v not in alike)
+        alike += itertools.islice(held, max(RULES.most_in_class - len(alike), 0))
     names = [v.candidate.name for v in alike]
     return [
         v
         for v in alike
         if v is leader or not any(elaborates(model, v.candidate.name, other) for other in names)
+    ]
+
+
+def _held_against(
+    model: Comparison, found: Fit, leader: Verdict, verdicts: Sequence[Verdict]
+) -> list[Verdict]:
+    """What a controller may have held against, where a leader says that inputs do far less."""
+    least = RULES.companion_share * leader.candidate.gain_nats
+    return [
+        v
+        for v in verdicts[:_TRIED]
+        if v is not leader
+        and v.why == ACCEPTED
+        and v.candidate.gain_nats >= least
+        and not _does_far_less(model, v.candidate)
+        and not is_companion(model, found, leader.candidate, v.candidate)
     ]
 
 

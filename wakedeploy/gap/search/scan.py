@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from wakedeploy.gap.evidence.ascent import OPTIMISM, promised_nats
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, own_parameters
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
@@ -124,10 +125,11 @@ def _rested(
     fitted: Mapping[str, Fit],
     resting: Mapping[str, Fit],
 ) -> dict[str, Fit]:
-    """The best fit and those near to it, at rest: a race may end below a summit.
+    """The best fit and those that may come near to it, at rest: a race may end below a summit.
 
     The best is climbed to the end, from its start in `starts`, too. Those that are `resting` do so
-    already, and where none gains anything none is worth the time.
+    already, and where none gains anything none is worth the time. Along a narrow ridge a race gets
+    short of breath, and what it has not gained yet is what its last point promises.
     """
     order = sorted(fitted, key=lambda n: -height(fitted[n]))[:_MOST_AT_REST]
     highest = max((height(fitted[name]) for name in order), default=-np.inf)
@@ -136,7 +138,8 @@ def _rested(
     rested: dict[str, Fit] = {}
     for name in order:
         reached = fitted[name]
-        if reached is resting.get(name) or height(reached) < highest - NEAR_NATS:
+        hoped = height(reached) + OPTIMISM * promised_nats(reached)
+        if reached is resting.get(name) or hoped < highest - NEAR_NATS:
             continue
         if name == order[0]:
             rested[name] = to_the_end(model, base, [starts[name].theta], reached)
