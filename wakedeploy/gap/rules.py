@@ -55,6 +55,8 @@ class Rules:
         far_less: An effect with which inputs do no more than this share of what the system says is
             doubted, as is that it forecasts better: where a controller gives the inputs, a force
             that it holds against looks alike.
+        hardly_anything: With an effect by which inputs do no more than this share, others that gain
+            a good part of what it does make a class.
         interval_quantile: Where the ends of intervals of gains and sizes lie, of what chance brings
             to one side: 90 % lie between both.
         fewest_blocks: Gains in fewer blocks than this have a spread that says nothing.
@@ -111,6 +113,7 @@ class Rules:
     most_named: int = 8
     readings_ahead: int = 6
     far_less: float = 2.0 / 3.0
+    hardly_anything: float = 1.0 / 3.0
     interval_quantile: float = 0.95
     fewest_blocks: int = 6
     plain_times: float = 5.0

@@ -20,8 +20,8 @@ _LEAST_VARIANCE = 1e-300
 _CAUCHY = (2.0 / math.pi) ** 0.5  # his density over the normal one's, in the middle
 _LOST_NORM = 1e9  # of a matrix times a sample: such a lane has left its model
 _SWEEPS, _AGREED = 40, 1e-6  # over frictions that change each other's speeds; shares of strengths
-# Lanes that are computed side by side. A loop over eight is written out in full by the compiler, and
-# takes twice as long as one over many; the matrices of more than these leave the first cache.
+# Lanes that are computed side by side. A loop over eight is written out in full by the compiler,
+# and takes twice as long as one over many; the matrices of more than these leave the first cache.
 _WIDE = 96
 
 

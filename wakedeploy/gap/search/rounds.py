@@ -196,14 +196,14 @@ def _alike(
     Forecasts do not take out a leader if, unlike it, all that they leave makes inputs do far less.
     A controller's inputs answer what acts on a system; a forecast that does not know of it yet
     takes them as they come, and is better the less they do. So are the blocks, as long as what acts
-    is known in part only; so of a leader that makes inputs do far less other effects are rivals
-    with a good share of what it gains.
+    is known in part only; so of a leader that makes inputs do hardly anything other effects are
+    rivals with a good share of what it gains.
     """
     alike = undecided(model, [leader, *_rivals(model, found, leader, verdicts)])
-    if not _does_far_less(model, leader.candidate):
+    if leader not in alike and not _does_far_less(model, leader.candidate):
         is_by_less = all(_does_far_less(model, v.candidate) for v in alike)
-        alike = [leader, *alike] if is_by_less and leader not in alike else alike
-    elif leader in alike:
+        alike = [leader, *alike] if is_by_less else alike
+    elif leader in alike and _answered(model, leader.candidate) <= RULES.hardly_anything:
         held = (v for v in _held_against(model, found, leader, verdicts) if v not in alike)
         alike += itertools.islice(held, max(RULES.most_in_class - len(alike), 0))
     names = [v.candidate.name for v in alike]
@@ -217,7 +217,7 @@ def _alike(
 def _held_against(
     model: Comparison, found: Fit, leader: Verdict, verdicts: Sequence[Verdict]
 ) -> list[Verdict]:
-    """What a controller may have held against, where a leader says that inputs do far less."""
+    """What a controller may have held against, where a leader has inputs do hardly anything."""
     least = RULES.companion_share * leader.candidate.gain_nats
     return [
         v
@@ -232,7 +232,12 @@ def _held_against(
 
 def _does_far_less(model: Comparison, effect: Candidate) -> bool:
     """Whether inputs do far less with an effect than without."""
-    return model.inputs_answered(effect.fit, effect.name) <= RULES.far_less
+    return _answered(model, effect) <= RULES.far_less
+
+
+def _answered(model: Comparison, effect: Candidate) -> float:
+    """What inputs do with an effect, as a share of what they do without."""
+    return model.inputs_answered(effect.fit, effect.name)
 
 
 def _plainer(
