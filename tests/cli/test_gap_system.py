@@ -249,7 +249,9 @@ unit = "mm"
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("time_s,voltage_v,position_m\n", "no CSV with a time_s"),
+        ("", "is empty; give a log"),
+        ("time_s,voltage_v,position_m\n", "two rows or more, and has none below the header"),
+        ("voltage_v,position_m\n0,0\n0,1\n", "no CSV with a time_s among 2 columns"),
         ("time_s,voltage_v,position_m\n0,0,0\n", "two rows or more"),
         ("time_s,voltage_v,position_m\n0,0,0\n-inf,0,0\ninf,1,1\n", "time_s needs"),
         ("time_s,voltage_v,position_m\n0,0,0\nx,0,0\n0.02,1,1\n", "time_s needs"),
@@ -265,6 +267,43 @@ def test_numbers_that_no_log_has_are_refused_without_a_warning(folder, tmp_path,
         read_plain(path, read_system(folder / "my_robot.py"))
     assert str(error.value).startswith(f"{path}: ")
     assert says in str(error.value)
+
+
+@pytest.mark.parametrize("column", ["voltage_v", "position_m"])
+@pytest.mark.parametrize("cell", ["err", "0.1 V", "true", "0.1;"])
+def test_text_among_the_numbers_of_a_plain_log_is_refused(folder, tmp_path, column, cell):
+    """As a reading that is missing it would be passed over, and of an input the last one held."""
+    path, place = tmp_path / "log.csv", ["voltage_v", "position_m"].index(column)
+    rows = [[f"{k / 100:g}", "0.5", "0.25"] for k in range(300)]
+    rows[40][1 + place] = cell
+    path.write_text("\n".join(map(",".join, [["time_s", "voltage_v", "position_m"], *rows])))
+    with pytest.raises(UnusableInput) as error:
+        read_plain(path, read_system(folder / "my_robot.py"))
+    assert f"{path}: column {column!r} holds {cell!r} in line 42, which is no number" in str(
+        error.value
+    )
+    assert "--guess" in str(error.value)
+
+
+def test_what_says_that_there_is_no_number_is_a_reading_that_is_missing(folder, tmp_path):
+    """Text in a column that the system does not ask for is nothing to it; nor is a comment."""
+    path = tmp_path / "log.csv"
+    cells = ["", "nan", "NaN", "N/A", "-", " null ", '""', "1.5"]
+    rows = [f"{k / 100:g},0,{cell},idle" for k, cell in enumerate(cells)]
+    path.write_text("\n".join(["time_s,voltage_v,position_m,mode", *rows, "# the end"]))
+    read = read_plain(path, read_system(folder / "my_robot.py")).columns["position_m"]
+    assert np.isnan(read[:-1]).all()
+    assert read[-1] == 1.5
+
+
+def test_a_plain_log_may_begin_with_the_mark_of_a_spreadsheet(folder, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text((folder / "log.csv").read_text(), encoding="utf-8-sig")
+    system = read_system(folder / "my_robot.py")
+    plain = read_plain(folder / "log.csv", system)
+    marked = read_plain(path, system)
+    assert np.array_equal(marked.time_s, plain.time_s)
+    assert np.array_equal(marked.columns["position_m"], plain.columns["position_m"])
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ import importlib.util
 import shlex
 import sys
 import warnings
+from collections.abc import Sequence
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -12,15 +13,18 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.recording import Recording
+from wakedeploy.domains.tables.formats.cells import is_missing, is_number
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.own_system import System
+from wakedeploy.gap.systems.system import FloatArray
 
 OF_MJCF = (
     "is a MuJoCo model; `wakedeploy gap init my_robot.py --mjcf MODEL.xml` makes it a system, and "
     "that file is what --system takes."
 )
 _LATEST_S = 1e11  # seconds: clocks since 1970 show a sixtieth of it
+_ENCODING = "utf-8-sig"  # with the mark before it that a spreadsheet writes, or without
 _LARGEST = 1e15  # in any unit, nothing that was measured is so large
 
 
@@ -51,12 +55,13 @@ def is_mjcf(path: Path) -> bool:
 def read_plain(path: Path, system: System) -> Recording:
     """A CSV file whose columns have the system's names, and a `time_s` that rises evenly.
 
-    Raises UnusableInput for any other file; a `columns.toml` can say what that holds.
+    A cell that is blank, or says that there is no number, is NaN. Raises UnusableInput for any
+    other file; a `columns.toml` can say what that holds.
     """
     if path.is_dir():
         raise UnusableInput(f"{path} is a folder, not a CSV file; {_by_columns(path, system)}")
     try:
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding=_ENCODING) as file:
             names = [n.strip().strip('"') for n in file.readline().split(",")]
             with warnings.catch_warnings():  # about a file without rows, which is refused below
                 warnings.simplefilter("ignore")
@@ -67,6 +72,13 @@ def read_plain(path: Path, system: System) -> Recording:
         raise UnusableInput(
             f"{path} is no CSV file of numbers; {_by_columns(path, system)}"
         ) from error
+    if names == [""] and not table.size:
+        raise UnusableInput(f"{path}: is empty; give a log with a header and rows.")
+    if "time_s" in names and not table.size:
+        raise UnusableInput(
+            f"{path}: time_s needs two rows or more, and has none below the header; give another "
+            "log."
+        )
     if "time_s" not in names or table.shape[1:] != (len(names),):
         raise UnusableInput(
             f"{path}: no CSV with a time_s among {len(names)} columns; {_by_columns(path, system)}"
@@ -74,13 +86,15 @@ def read_plain(path: Path, system: System) -> Recording:
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
         raise UnusableInput(f"{path}: two columns are called {doubled!r}; rename or remove one.")
+    wanted = [*(i.name for i in system.logged), *(o.name for o in system.outputs)]
+    _refuse_text(path, system, names, [k for k, name in enumerate(names) if name in wanted], table)
     columns = dict(zip(names, table.T, strict=True))
     time_s = columns.pop("time_s")
     if len(time_s) < 2 or not np.all(np.abs(time_s) < _LATEST_S):  # false for NaN, too
         raise UnusableInput(
             f"{path}: time_s needs two rows or more, each a number of seconds; mend the file."
         )
-    for name in [*(i.name for i in system.logged), *(o.name for o in system.outputs)]:
+    for name in wanted:
         if np.any(np.abs(columns.get(name, 0.0)) > _LARGEST):  # NaN is a reading that is missing
             raise UnusableInput(
                 f"{path}: column {name!r} has numbers beyond ±{_LARGEST:g}; mend the file."
@@ -92,6 +106,26 @@ def read_plain(path: Path, system: System) -> Recording:
         )
     even = time_s[0] + np.median(steps) * np.arange(len(time_s))
     return Recording(path.stem, even, columns)
+
+
+def _refuse_text(
+    path: Path, system: System, names: Sequence[str], places: Sequence[int], table: FloatArray
+) -> None:
+    """Refuse a cell with text: where nothing was read, it has to say that there is no number."""
+    if not np.isnan(table[:, places]).any():
+        return
+    with path.open(encoding=_ENCODING) as file:
+        for number, line in enumerate(file, start=1):
+            cells = line.partition("#")[0].split(",")
+            if number == 1 or len(cells) != len(names):
+                continue
+            for k in places:
+                cell = cells[k].strip()
+                if not is_missing(cell.strip('"')) and not is_number(cell):
+                    raise UnusableInput(
+                        f"{path}: column {names[k]!r} holds {cell[:40]!r} in line {number}, which "
+                        f"is no number; mend the file, or {_by_columns(path, system)}"
+                    )
 
 
 class _FromSource(SourceFileLoader):
