@@ -47,6 +47,8 @@ def found(asked: list[Asked], columns: dict[str, str | None]) -> dict[str, str]:
         (Asked("oven_k", "output", "K"), "oven", "°C"),
         (Asked("größe_v", "input", "V"), "Größe", None),
         (SPEED, "gyro", "deg/s"),
+        (VOLTAGE, "/motor.data", None),  # std_msgs/Float64
+        (Asked("motor_cmd", "input", "1"), "/boat/motor_cmd.data", None),
     ],
 )
 def test_a_column_is_known_by_its_name_or_its_unit(asked: Asked, column: str, unit) -> None:

@@ -11,6 +11,8 @@ import pytest
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import parse_columns, read_columns
+from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.guess_asked import Asked
 from wakedeploy.domains.tables.reading import Reading, read_recordings
 
 BASE = 'version = 1\n[time]\ncolumn = "t"\n'
@@ -145,6 +147,26 @@ def test_a_unit_that_the_header_contradicts_is_said(header: str, tmp_path: Path)
         assert said.endswith(f"read as {unit}, and the log says cm; check `unit`")
     assert not reading(path, text.replace('"V"', '"cm"')).notes
     assert not reading(path, text.replace('"V"', '"m"') + "scale = 0.01\n").notes
+
+
+@pytest.mark.parametrize("ending", ["parquet", "npz", "h5"])
+def test_a_unit_in_a_name_counts_in_every_format(ending: str, tmp_path: Path) -> None:
+    """A depth in cm was taken for metres, and `--guess` said that the log does not say."""
+    path = tmp_path / f"log.{ending}"
+    columns = {"t": np.arange(20) / 10, "Tiefe [cm]": np.arange(20.0)}
+    if ending == "parquet":
+        pq = pytest.importorskip("pyarrow.parquet")
+        pq.write_table(pytest.importorskip("pyarrow").table(columns), path)
+    elif ending == "h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            file.update(columns)
+    else:
+        np.savez(path, **columns)
+    asked = [Asked("tiefe_m", "output", "m")]
+    assert 'unit = "cm"' in guess_columns(path, asked)
+    text = BASE + U.replace('column = "u"', 'column = "Tiefe [cm]"')
+    said = reading(path, text.replace('"V"', '"m"')).notes[0]
+    assert said.endswith("read as m, and the log says cm; check `unit`")
 
 
 @pytest.mark.parametrize("header", ["temp_degC", "Temperatur [°C]", "celsius"])

@@ -28,6 +28,7 @@ _QUANTITIES: Mapping[str, tuple[str, ...]] = {  # words that only say what a uni
     "height": ("m",), "distance": ("m",), "speed": ("m/s", "rad/s"), "rate": ("rad/s",),
     "velocity": ("m/s", "rad/s"), "acceleration": ("m/s^2", "rad/s^2"),
 }  # fmt: skip
+_OF_MESSAGES = {"data"}  # the only field of a message that is no more than a number
 _OF_ROLE = {
     "input": {"command", "cmd", "input", "control", "ctrl"},
     "output": {"measured", "meas", "actual", "output", "sensor", "encoder", "observation", "state"},
@@ -149,7 +150,9 @@ def _is_one(word: str, other: str) -> bool:
 def _says_nothing(word: str, asked: Asked) -> bool:
     """Whether a word says no more than a unit or a role says already."""
     units = next((u for q, u in _QUANTITIES.items() if _is_one(word, q)), ())
-    return word in _OF_ROLE[asked.role] or any(_fits(unit, asked.unit) for unit in units)
+    return word in _OF_ROLE[asked.role] | _OF_MESSAGES or any(
+        _fits(unit, asked.unit) for unit in units
+    )
 
 
 def _alone_in_unit(

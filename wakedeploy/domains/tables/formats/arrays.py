@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
+from wakedeploy.domains.tables.formats.cells import unit_in_brackets
 from wakedeploy.domains.tables.log import (
     Arrays,
     Clock,
@@ -30,7 +31,12 @@ class ArrayLog:
     def fields(self) -> list[Field]:
         """Every array, tables number by number."""
         return [
-            Field(name, example=_example(array), unread=self._why(key))
+            Field(
+                name,
+                unit=unit_in_brackets(key),
+                example=_example(array),
+                unread=self._why(key),
+            )
             for key, array in self._held.items()
             for name in elements(key, array.shape)
         ]

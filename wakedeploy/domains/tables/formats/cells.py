@@ -28,8 +28,16 @@ BOOLEAN = {"true": 1.0, "false": 0.0}
 _WITH_UNIT = re.compile(
     r"(?P<number>[-+]?[0-9.,']*[0-9](?:[eE][-+]?[0-9]+)?)(?P<space>\s*)(?P<unit>[A-Za-z%°µμΩ].*)"
 )
+_IN_BRACKETS = re.compile(r"[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
+_LONGEST_UNIT = 60  # letters at the end of a name that may be one
 _LONGEST_WITH_UNIT = 64  # letters of a cell
 Row = list[str]
+
+
+def unit_in_brackets(name: str) -> str | None:
+    """The unit in brackets at the end of a column's name; x[0] has none."""
+    match = _IN_BRACKETS.search(name[-_LONGEST_UNIT:])
+    return None if match is None or match["unit"].strip().isdigit() else match["unit"]
 
 
 def is_missing(cell: str) -> bool:

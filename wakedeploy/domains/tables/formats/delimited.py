@@ -40,6 +40,7 @@ from wakedeploy.domains.tables.formats.cells import (
     plain_number,
     plain_unit,
     thousands_mark,
+    unit_in_brackets,
     written,
 )
 from wakedeploy.domains.tables.formats.named_cells import before_names, lines_before, named_rows
@@ -60,11 +61,9 @@ _BLOCK = 1 << 15  # rows that are converted at once
 LONGEST_LINE = 1 << 20
 COMMENT = "#"  # what lines before a header begin with that are none of the table
 _MOST_BEFORE = 300  # lines in which a table begins
-_LONGEST_UNIT = 60  # letters at the end of a name that may be one
 _LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
 _OF_GZIP = zlib.MAX_WBITS | 16  # as zlib is told that there is a header of gzip
 _NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
-_UNIT_IN_NAME = re.compile(r"[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
 
 
 def open_log(path: Path, csv: Delimited) -> Log:
@@ -135,7 +134,7 @@ class DelimitedLog:
         found = []
         for i, name in enumerate(self._names):
             text = self._bare(self._example[i]).strip() if i < len(self._example) else ""
-            unit = self._units.get(name) or self._behind(i) or _unit_in(name)
+            unit = self._units.get(name) or self._behind(i) or unit_in_brackets(name)
             count = len(numbers_in(text)) if text.startswith("[") else 0
             if self._names.count(name) > 1:  # X of a position, and X of a rotation
                 name = f"#{i + 1}"
@@ -505,12 +504,6 @@ class _Growing:
         if any(part.dtype == object for part in self._parts):
             return np.concatenate([part.astype(object) for part in self._parts])
         return np.concatenate(self._parts)
-
-
-def _unit_in(name: str) -> str | None:
-    """The unit in brackets at the end of a name; x[0] has none."""
-    match = _UNIT_IN_NAME.search(name[-_LONGEST_UNIT:])
-    return None if match is None or match["unit"].strip().isdigit() else match["unit"]
 
 
 def seen_encoding(path: Path) -> Encoding:

@@ -12,6 +12,7 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, installs, shown
 from wakedeploy.domains.tables.columns import Delimited
+from wakedeploy.domains.tables.formats.cells import unit_in_brackets
 from wakedeploy.domains.tables.log import (
     Arrays,
     Clock,
@@ -54,7 +55,11 @@ class Hdf5Log:
     def fields(self) -> list[Field]:
         """Every dataset, tables number by number."""
         return [
-            Field(name, unit=self._units[key], example=_example(self._kinds[key]))
+            Field(
+                name,
+                unit=self._units[key] or unit_in_brackets(key),
+                example=_example(self._kinds[key]),
+            )
             for key, shape in self._shapes.items()
             for name in elements(key, shape)
         ]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.domains.tables.columns import Delimited
+from wakedeploy.domains.tables.formats.cells import unit_in_brackets
 from wakedeploy.domains.tables.log import (
     Clock,
     Field,
@@ -48,7 +49,7 @@ class ParquetLog:
             count = self._length(name) if "list" in str(kind) else 0
             names = [f"{name}[{i}]" for i in range(count)] or [name]
             example = None if any(word in str(kind) for word in _NO_NUMBERS) else 0.0
-            stated = "s" if str(kind).startswith("duration") else unit
+            stated = "s" if str(kind).startswith("duration") else unit or unit_in_brackets(name)
             found += [Field(address, unit=stated, example=example) for address in names]
         return found
 
