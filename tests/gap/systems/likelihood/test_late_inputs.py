@@ -88,6 +88,14 @@ def test_an_input_that_comes_after_what_it_drives_is_late(late, told):
     assert late_inputs(made, fitted_base(made)) == pytest.approx(told)
 
 
+def test_an_output_that_never_changes_moves_before_nothing():
+    """A sensor that hangs: any shift of the input explains its silence as well or better."""
+    motor = np.repeat(np.random.default_rng(2).normal(3.0, 1.0, 45), 20)
+    columns = {"motor_n": motor, "wind_n": np.zeros(900), "speed_mps": np.full(900, 3.0)}
+    made = LogModel(Wagon(), [Recording("made", np.arange(900) / RATE_HZ, columns)])
+    assert late_inputs(made, fitted_base(made)) == {}
+
+
 @pytest.mark.parametrize("late", [0, 4])
 def test_inputs_that_a_controller_moves_together_are_late_together_or_not_at_all(late):
     rng = np.random.default_rng(7)

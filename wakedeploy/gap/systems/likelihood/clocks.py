@@ -53,9 +53,11 @@ def late_inputs(model: "LogModel", base: Fit, found: Fit | None = None) -> dict[
     If something is missing, as drag, outputs may lead what the base expects. If effects `found`
     explain more than a shift of the input does, the shift is sought again on top of them. Inputs
     that a controller moves together, as the thrusts of four rotors, are of one clock: alone, one
-    of them would come earlier only to bend their sum.
+    of them would come earlier only to bend their sum. Outputs that never change lead nothing.
     """
     late: dict[str, float] = {}
+    if not model.has_motion:
+        return late
     for places in _moving_together(model):
         samples = _late_by(model, base, places)
         if samples and found is not None and found.hypothesis:

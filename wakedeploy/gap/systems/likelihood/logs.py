@@ -105,9 +105,14 @@ class LogModel(ComparisonDefaults):
         self.library |= {n: e for n, e in effects.items() if n not in self.library}
         self.effects = {name: effect.free for name, effect in self.library.items()}
 
+    @property
+    def has_motion(self) -> bool:
+        """Whether a reading of some output changes."""
+        return any(np.ptp(row[np.isfinite(row)]) > 0.0 for row in self._readings())
+
     def require_effects(self) -> None:
         """UnusableInput if no effect can be asked for: "nothing is missing" would be no answer."""
-        if all(np.ptp(row[np.isfinite(row)]) == 0.0 for row in self._readings()):
+        if not self.has_motion:
             which = " and ".join(repr(o.name) for o in self.system.outputs)
             raise UnusableInput(
                 f"{self.name}: no output moves in these logs ({which}); mend them if a sensor "
