@@ -1,5 +1,7 @@
 """Logs as recordings from Python: warnings say what was handled."""
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
@@ -34,3 +36,59 @@ def test_a_log_that_is_not_there_is_a_wrong_path(tmp_path) -> None:
     for read in (wd.import_table, wd.read_log):
         with pytest.raises(wd.UnusableInput, match=r"lgo\.csv: is not there; correct the path"):
             read(tmp_path / "lgo.csv", columns)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "says"),
+    [
+        (
+            [0.0, 0.1, 0.2, 0.1, 0.2, 0.3],
+            "from sample 2 to 3 it goes by -0.1 s, and 0.1 s is usual",
+        ),
+        ([0.0, 0.1, 0.2, 5.0, 5.1, 5.2], "from sample 2 to 3 it goes by 4.8 s, and 0.1 s is usual"),
+        ([0.5, 0.4, 0.3, 0.2, 0.1, 0.0], "from sample 0 to 1 it goes by -0.1 s; cut"),
+        ([0.0] * 6, "from sample 0 to 1 it goes by 0 s; cut"),
+        ([0.0, 0.1, np.nan, 0.3, 0.4, 0.5], "time_s holds what is no number"),
+        (["a"] * 6, "time_s is not an array of numbers"),
+        (np.arange(6).astype("datetime64[s]"), "time_s is not an array of numbers"),
+    ],
+)
+def test_a_recording_whose_time_does_not_rise_evenly_is_refused(stamps, says) -> None:
+    """It was replayed and searched as if its samples were a step apart."""
+    with pytest.raises(wd.UnusableInput) as error:
+        wd.Recording("dive", stamps, {"depth_m": np.arange(6.0)})
+    assert str(error.value).startswith("dive: ")
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize("values", [["a"] * 6, np.ones(6) + 1j, [None, {}, 0, 0, 0, 0]])
+def test_a_recording_whose_column_holds_no_numbers_is_refused(values) -> None:
+    with pytest.raises(wd.UnusableInput, match="dive: column 'depth_m' is not an array of numbers"):
+        wd.Recording("dive", np.arange(6.0), {"depth_m": values})
+
+
+def test_a_recording_takes_lists_and_columns_of_a_table() -> None:
+    """A jitter is no other step; what was not measured is NaN."""
+    pandas = pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    table = pandas.DataFrame({"t": [0.0, 0.1, 0.22, 0.3, 0.41, 0.5], "z": [1, 2, None, 4, 5, 6]})
+    made = wd.Recording("dive", table["t"], {"z": table["z"], "u": [0, 1, 2, 3, 4, 5]})
+    assert made.rate_hz == pytest.approx(10.0)
+    assert made.columns["u"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert np.flatnonzero(np.isnan(made.columns["z"])).tolist() == [2]
+
+
+@pytest.mark.parametrize("given", ["log.csv", {"x": np.zeros(3)}, (), None])
+def test_a_replay_of_what_is_no_recording_is_refused(given) -> None:
+    class Slider(wd.System):
+        rate_hz = 10.0
+        inputs: ClassVar = [wd.Input("force_n", "N")]
+        states: ClassVar = {"speed_mps": "m/s"}
+        outputs: ClassVar = [wd.Output("speed_mps", "m/s")]
+
+        def derivative(self, state, inputs, c):
+            return {"speed_mps": inputs.force_n}
+
+    with pytest.raises(
+        wd.UnusableInput, match=r"Slider\.simulate takes one Recording, not .*read_"
+    ):
+        Slider().simulate(given)

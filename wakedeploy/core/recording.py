@@ -4,9 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from wakedeploy.core.errors import UnusableInput
+
+_JITTER = 0.5  # of the usual step
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,9 @@ class Recording:
     `clocks` says which columns were stamped together: those of one clock's name are, as are all
     columns that it does not name.
 
-    Raises UnusableInput for columns of another length, or fewer than two samples.
+    Lists and columns of a DataFrame become arrays. Raises UnusableInput for what holds no numbers,
+    columns of another length, a time that does not rise in equal steps but for a jitter, or fewer
+    than two samples.
     """
 
     name: str
@@ -37,16 +41,48 @@ class Recording:
     clocks: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if len(self.time_s) < 2:
-            raise UnusableInput(
-                f"{self.name}: {len(self.time_s)} samples; at least two are needed."
-            )
-        for column, values in self.columns.items():
-            if np.shape(values) != np.shape(self.time_s):
+        time_s = self._numbers("time_s", self.time_s)
+        columns = {name: self._numbers(f"column {name!r}", v) for name, v in self.columns.items()}
+        object.__setattr__(self, "time_s", time_s)
+        object.__setattr__(self, "columns", columns)
+        if len(time_s) < 2:
+            raise UnusableInput(f"{self.name}: {len(time_s)} samples; at least two are needed.")
+        for column, values in columns.items():
+            if values.shape != time_s.shape:
                 raise UnusableInput(
-                    f"{self.name}: column {column!r} has shape {np.shape(values)}, the time "
-                    f"has {np.shape(self.time_s)}."
+                    f"{self.name}: column {column!r} has shape {values.shape}, the time "
+                    f"has {time_s.shape}."
                 )
+        self._require_even()
+
+    def _numbers(self, what: str, values: ArrayLike) -> NDArray[np.float64]:
+        try:
+            plain = np.asarray(values)
+            if plain.dtype.kind not in "cmM":  # of complex numbers and dates a part would be lost
+                return np.atleast_1d(plain.astype(np.float64, copy=False))
+        except (TypeError, ValueError):
+            pass
+        raise UnusableInput(
+            f"{self.name}: {what} is not an array of numbers; give real numbers, and seconds for "
+            "time."
+        )
+
+    def _require_even(self) -> None:
+        if not np.isfinite(self.time_s).all():
+            raise UnusableInput(
+                f"{self.name}: time_s holds what is no number; leave those samples out."
+            )
+        steps = np.diff(self.time_s)
+        usual = float(np.median(steps))
+        is_even = np.abs(steps - usual) < _JITTER * usual  # nowhere, of a time that falls
+        if not is_even.all():
+            at = int(np.argmin(is_even))
+            beside = f", and {usual:.4g} s is usual" if usual > 0.0 else ""
+            raise UnusableInput(
+                f"{self.name}: time_s does not rise in equal steps: from sample {at} to {at + 1} "
+                f"it goes by {steps[at]:.4g} s{beside}; cut the recording there, or read its log "
+                "by a columns.toml with [resample]."
+            )
 
     def __repr__(self) -> str:
         """Its columns, and how long it is."""

@@ -8,6 +8,7 @@ tries it.
 from pathlib import Path
 from typing import Self
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.correction import read_correction
@@ -52,8 +53,14 @@ class System(StateSpace):
     def simulate(self, recording: Recording) -> dict[str, FloatArray]:
         """Every state and output along a recording's inputs, each (n,) at the system's rate.
 
-        It starts where the recording does and sees no measurement afterwards.
+        It starts where the recording does and sees no measurement afterwards. Raises UnusableInput
+        for what is no recording, or lacks a column.
         """
+        if not isinstance(recording, Recording):
+            raise UnusableInput(
+                f"{type(self).__name__}.simulate takes one Recording, not a "
+                f"{type(recording).__name__}; wakedeploy.read_log gives all that a log holds."
+            )
         from wakedeploy.gap.systems.simulation import simulated  # takes a second to load
 
         return simulated(self, recording)
