@@ -134,6 +134,31 @@ def test_several_names_are_taken_once_each() -> None:
 
 
 @pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        (["--arch", "gru"], ("gru",)),
+        (["--arch", "gru", "--arch", "TCN"], ("gru", "tcn")),
+        (["--arch", "gru,tcn", "--arch=esn", "--arch", "gru"], ("gru", "tcn", "esn")),
+        ([], None),
+    ],
+)
+def test_an_option_of_names_that_is_repeated_has_them_all(
+    given: list[str], names: tuple[str, ...] | None, tmp_path: Path
+) -> None:
+    """The last one alone was trained, and the others were dropped without a word."""
+    train = main.get_command(click.Context(main), "train")
+    assert train is not None
+    context = train.make_context("train", ["--data", str(tmp_path), *given])
+    assert context.params["arch"] == names
+
+
+def test_a_name_in_a_repeated_option_that_there_is_not_is_refused() -> None:
+    answer = typed("train --data x --arch grru --arch gru")
+    assert answer.exit_code == 2
+    assert "'grru' is no architecture; did you mean gru" in answer.stderr
+
+
+@pytest.mark.parametrize(
     "line",
     ["train --data x --arch GRU", "train --data x --arch History_MLP,gru", "TRAIN --data x",
      "tune --data x --arch Mamba", "sweep --data x --arch GRU --hyper GRU.hidden=8",

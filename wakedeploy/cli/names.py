@@ -48,10 +48,12 @@ class SeveralNames(click.ParamType[tuple[str, ...]]):
         """The names as they are spelled here."""
         if isinstance(value, tuple):
             return value
-        if meant(value, [ALL]):
-            return tuple(self._names())
-        found = []
-        for name in value.split(","):
+        given = value if isinstance(value, list) else [value]  # of an option that was repeated
+        found = list[str]()
+        for name in ",".join(given).split(","):
+            if meant(name, [ALL]):
+                found += self._names()
+                continue
             known = meant(name, self._names())
             if known is None:
                 raise _refused(param, unknown(name.strip(), self._what, [ALL, *self._names()]))
@@ -114,11 +116,18 @@ PRESET = FileOrName("reference", "tuned")
 
 
 class OptionOfNames(click.Option):
-    """An option whose help lists what there is; it is looked for when the help is shown."""
+    """An option whose help lists what there is; it is looked for when the help is shown.
+
+    Given more than once, it has the names of all: the last one alone is what click would take.
+    """
 
     def __init__(self, *args: Any, names: Names, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._names = names
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        """Let the parser keep each value; the option's type makes one list of them."""
+        parser.add_option(self, self.opts, self.name, action="append", nargs=self.nargs)
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """The option and its help, `{names}` in it replaced by the names."""
