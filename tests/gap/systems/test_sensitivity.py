@@ -133,6 +133,13 @@ class Integrating(Valve):
         return {**Valve.derivative(self, state, inputs, c), "opening": inputs.command_pct}
 
 
+class Lifting(Valve):
+    """The same, whose valve is also lifted by what flows."""
+
+    def derivative(self, state, inputs, c):
+        return {**Valve.derivative(self, state, inputs, c), "lift_mm": state.flow - state.lift_mm}
+
+
 def test_a_state_that_nobody_tells_and_that_does_not_rest_is_told() -> None:
     assert "state opening: no output shows it" in _notes(0.4, derivative=Integrating.derivative)
     assert "no output shows it" not in _notes(0.4)  # it begins where the command holds it
@@ -151,6 +158,33 @@ def test_a_name_that_says_another_unit_is_told() -> None:
     assert "input command_pct is taken without a unit, and its name says %" in _notes(0.0)
     right = {"inputs": [Input("command_pct", "%")]}
     assert "its name says" not in _notes(0.0, **right)
+
+
+def test_a_constant_or_a_state_whose_name_says_another_unit_is_told() -> None:
+    """A mass of 2 kg that is stated in g is fitted, and a force told, in what nobody meant."""
+    constants = [Constant("bore_mm", 2.0, spread=0.1, unit="m")]
+    assert "constant bore_mm is taken in m, and its name says mm" in _notes(
+        0.0, constants=[*Valve.constants, *constants]
+    )
+    lifted = {"states": {**Valve.states, "lift_mm": "m"}, "derivative": Lifting.derivative}
+    assert "state lift_mm is taken in m, and its name says mm" in _notes(0.0, **lifted)
+    right = {"constants": [*Valve.constants, Constant("bore_mm", 2.0, spread=0.1)]}
+    assert "bore_mm" not in _notes(0.0, **right)
+
+
+def test_an_output_in_another_unit_than_the_state_that_it_is_is_refused() -> None:
+    class Rule(Rail):
+        outputs = [Output("position_m", "mm", noise=1e-3)]
+
+    says = "output 'position_m' is the state of that name, which is in m, and not in mm"
+    with pytest.raises(UnusableInput, match=says):
+        checked(Rule())
+
+    class Converted(Rule):
+        def measure(self, state, inputs, c):
+            return {"position_m": 1e3 * state.position_m}
+
+    assert checked(Converted()).outputs[0].unit == "mm"
 
 
 def test_an_input_that_is_never_near_zero_may_have_another_rest() -> None:

@@ -240,7 +240,10 @@ def _check_law(system: StateSpace, stated: Input) -> None:
 
 
 def _check_units(system: StateSpace) -> None:
-    """Refuse an unknown unit; "" means none, or for a constant the unit that its name says."""
+    """Refuse an unknown unit, and another one of an output than of the state that it is.
+
+    "" means none, or for a constant the unit that its name says.
+    """
     stated = [("input", i.name, i.unit) for i in system.inputs]
     stated += [("output", o.name, o.unit) for o in system.outputs]
     stated += [("state", name, unit) for name, unit in system.states.items()]
@@ -250,6 +253,15 @@ def _check_units(system: StateSpace) -> None:
             raise UnusableInput(
                 f"{system.name}: {what} {name!r} has the unit {unit!r}, which is not known; give "
                 'one such as m, rad, N m, V, A or m/s^2, "1" for none.'
+            )
+    if hasattr(system, "measure"):  # which may convert
+        return
+    for output in system.outputs:
+        unit = system.states.get(output.name, output.unit)
+        if not {unit, output.unit} & {"", "1"} and not same_unit(unit, output.unit):
+            raise UnusableInput(
+                f"{system.name}: output {output.name!r} is the state of that name, which is in "
+                f"{unit}, and not in {output.unit}; state one unit, or convert it in `measure`."
             )
 
 

@@ -319,9 +319,12 @@ def _turned(span: float, unit: str) -> str:
 
 
 def _names(model: LogModel) -> list[str]:
-    """Columns whose names end in another unit than the system states."""
+    """Columns, states and constants whose names end in another unit than the system states."""
     stated = [("input", i.name, i.unit) for i in model.system.inputs]
     stated += [("output", o.name, o.unit) for o in model.system.outputs]
+    shown = {o.name for o in model.system.outputs}
+    stated += [("state", n, u) for n, u in model.system.states.items() if n not in shown]
+    stated += [("constant", c.name, c.unit) for c in model.system.constants if c.unit]
     return [
         f"{what} {name} is taken {_taken_in(unit)}, and its name says {named}; is its unit right?"
         for what, name, unit in stated
