@@ -379,6 +379,25 @@ def test_a_log_that_needs_a_columns_file_says_how_to_begin_one(folder, foreign, 
     )
 
 
+@pytest.mark.parametrize("is_one", [True, False])
+def test_a_folder_that_is_one_log_is_named_in_what_comes_next(is_one, folder, tmp_path):
+    """Its files have other columns each; where they are alike, a person says which to look at."""
+    time_s = np.arange(300) / 100.0
+    (tmp_path / "my dive").mkdir()
+    for name, column in (("a", "voltage_v"), ("b", "position_m")):
+        columns = [column] if is_one else ["voltage_v", "position_m"]
+        rows = np.column_stack([time_s, *(np.sin((k + 1) * time_s) for k in range(len(columns)))])
+        header = ",".join(["time_s", *columns])
+        path = tmp_path / "my dive" / f"{name}.csv"
+        np.savetxt(path, rows, "%.4f", ",", header=header, comments="")
+    words = ["import", "table", tmp_path / "my dive", "--guess", "--system"]
+    words += [folder / "my_robot.py", "--columns", tmp_path / "c.toml"]
+    ended = CliRunner().invoke(data_command, list(map(str, words)))
+    assert ended.exit_code == 0, ended.output
+    log = f"'{tmp_path / 'my dive'}'" if is_one else "LOG"
+    assert f"gap check {folder / 'my_robot.py'} --measured {log} --columns" in ended.output
+
+
 def test_a_name_that_no_column_is_like_is_said(folder, foreign, tmp_path):
     log = tmp_path / "log.csv"
     log.write_text(foreign.read_text().replace("encoder_mm", "encoder_ticks", 1))

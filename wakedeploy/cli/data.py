@@ -321,6 +321,7 @@ def _guess(files: tuple[Path, ...], columns_path: Path, system_path: Path | None
 def _after_guess(text: str, files: tuple[Path, ...], columns_path: Path, system_path: Path) -> str:
     """What to do with a first columns.toml of a system's logs."""
     from wakedeploy.api.systems import asked_of_logs, system_of
+    from wakedeploy.domains.tables.log_kinds import is_log
     from wakedeploy.gap.wording import listed
 
     named = tomllib.loads(text)["columns"]  # which may lack a rate or a role: no file to read yet
@@ -328,8 +329,9 @@ def _after_guess(text: str, files: tuple[Path, ...], columns_path: Path, system_
         each.name for each in asked_of_logs(system_of(system_path)) if each.name not in named
     ]
     by_hand = f" No column was found for {listed(lacking)}: name them by hand." if lacking else ""
-    # Of a folder it is left open whether it is one log or several.
-    logs = ["LOG"] if files[0].is_dir() else [shlex.quote(str(file)) for file in files]
+    # Of a folder whose files are alike it is left open which of them are looked at.
+    is_one = is_log(files[0]) or any("file" in column for column in named.values())
+    logs = [shlex.quote(str(file)) for file in files] if is_one else ["LOG"]
     return (
         f"Look at the lines with a question mark.{by_hand} Then: wakedeploy gap check "
         f"{shlex.quote(str(system_path))} --measured {' '.join(logs)} "
