@@ -89,6 +89,75 @@ def test_what_nothing_can_be_flown_or_compared_with_is_named(tmp_path: Path) -> 
     assert not (tmp_path / "gap").exists()
 
 
+RIG = wd.default_rig()
+NO_PATHS: tuple[Callable[[object], object], ...] = (
+    wd.EpisodeSet.read,
+    wd.Flight.read,
+    wd.Gap.read,
+    wd.read_rig,
+    RIG.write,
+    small_set().write,
+    lambda value: wd.evaluate("runs", value),
+    lambda value: wd.train(value, "gru"),
+    lambda value: wd.train(small_set(), "gru", out=value),
+    lambda value: wd.tune(small_set(), "gru", out=value),
+    lambda value: wd.tune(value, "gru"),
+    lambda value: wd.export(value),
+    lambda value: wd.import_set("fish", value),
+    lambda value: wd.import_table(value, "columns.toml"),
+    lambda value: wd.read_log(value, "columns.toml"),
+    lambda value: wd.guess_columns(value),
+    lambda value: wd.close_gap("rig.toml", ["a.mcap"], value),
+    lambda value: wd.fly(rig=value),
+    lambda value: wd.fly(plant_rig=value),
+    lambda value: wd.fly(log=value),
+    lambda value: wd.fly(reference=value),
+    lambda value: wd.fly(arm_file=value),
+)
+
+
+@pytest.mark.parametrize("call", NO_PATHS)
+@pytest.mark.parametrize("value", [3, b"here"])
+def test_what_is_no_path_is_named(
+    call: Callable[[object], object], value: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(lambda: call(value), r"^\w+ is (3|b'here'): give a path, as text or as a Path\.$")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_reference_to_fly_is_a_path_as_text_too(tmp_path: Path) -> None:
+    rows = ("0,0,0,1000", "1,0,0,1000", "4,0.4,0,1000", "7,0,0,1000", "8,0,0,1000")
+    csv = tmp_path / "up.csv"
+    csv.write_text("\n".join(("t_s,z_m,x_m,source_us", *rows)) + "\n")
+    flight = wd.fly(reference=str(csv))
+    assert max(flight["z_ref_m"]) == pytest.approx(0.4, abs=0.02)
+
+
+def test_what_is_of_another_kind_is_named(folder: Path) -> None:
+    refused(lambda: wd.train(folder, 3), "arch has 3")
+    refused(lambda: wd.train(folder, "gru", hyper=3), "hyper is 3")
+    refused(
+        lambda: wd.tune(folder, ["gru", "tcn"]), r"arch is \['gru', 'tcn'\]: give the name of one"
+    )
+    refused(lambda: wd.make_set(3), "'3' is no domain")
+    refused(lambda: wd.close_gap("rig.toml", 3, "gap"), "measured is 3")
+    refused(lambda: RIG.changed(sufferer=0.5), "sufferer is 0.5: give its constants by name")
+    refused(lambda: wd.with_effect(RIG, "ground-effect", gain="a", height_m=0.2), "gain is 'a'")
+
+
+def test_a_keyword_that_is_not_there_is_never_ignored(tmp_path: Path) -> None:
+    for call, told in (
+        (lambda: wd.fly(second=6.0), r"^fly\(\) got .* 'second'; did you mean seconds\?$"),
+        (lambda: wd.fly(spacer_m=0.1), r"^fly\(\) got an unexpected keyword argument 'spacer_m'$"),
+        (lambda: wd.fly(place={}), r"^fly\(\) got an unexpected keyword argument 'place'"),
+        (lambda: wd.export("a.onnx", c=tmp_path / "c", nam="w"), r"'nam'; did you mean name\?$"),
+        (lambda: wd.train("a", epoch=3), r"^train\(\) got .*; did you mean epochs\?$"),
+    ):
+        with pytest.raises(TypeError, match=told):
+            call()
+
+
 def test_one_observation_is_stepped_and_a_batch_refused(folder: Path, tmp_path: Path) -> None:
     data = small_set(640)
     runs = wd.train(data, "agile-mlp", epochs=1, out=tmp_path / "runs", pictures=False)

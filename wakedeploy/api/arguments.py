@@ -8,10 +8,11 @@ import inspect
 import numbers
 import re
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import ParamSpec, TypeVar, get_args
 
 from wakedeploy.core.errors import UnusableInput, WakedeployError
+from wakedeploy.core.names import near
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -60,7 +61,9 @@ def one_of(name: str, value: object, known: Collection[str]) -> str:
 
 def words(name: str, given: str | Sequence[str]) -> tuple[str, ...]:
     """One word or several, in order; UnusableInput for what is no text."""
-    several = (given,) if isinstance(given, str) else tuple(given)
+    several = (
+        tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,)
+    )
     for each in several:
         if not isinstance(each, str):
             raise UnusableInput(f"{name} has {each!r:.60}: give text, such as {name}=('…',).")
@@ -72,10 +75,13 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
 
     What it calls is shared with the command line, and names options: `--out` becomes `out`.
     """
-    known = _names(function)
+    known, keywords = _names(function), _keywords(function)
 
     @functools.wraps(function)
     def named(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name in kwargs if keywords else ():
+            if name not in keywords:
+                raise TypeError(_unexpected(function.__name__, name, keywords))
         try:
             return function(*args, **kwargs)
         except WakedeployError as error:
@@ -94,6 +100,24 @@ def _names(function: Callable[..., object]) -> set[str]:
         for held in get_args(each.annotation):
             names |= set(getattr(held, "__annotations__", ()))
     return names
+
+
+def _keywords(function: Callable[..., object]) -> set[str]:
+    """What a function may be given by name; empty where it judges the names itself."""
+    parameters = inspect.signature(function).parameters.values()
+    others = {p.name for p in parameters if p.kind is p.VAR_KEYWORD}
+    is_open = any(p.name in others and not get_args(p.annotation) for p in parameters)
+    return set() if is_open else _names(function) - others
+
+
+def _unexpected(function: str, name: str, known: Collection[str]) -> str:
+    """Python's own words for a keyword that a function does not have, and the one that is near.
+
+    Python itself takes any that a dictionary of keywords holds: they were ignored, or told of as
+    those of a class that nobody has called.
+    """
+    hint = f"; did you mean {close[0]}?" if (close := near(name, sorted(known))) else ""
+    return f"{function}() got an unexpected keyword argument {name!r}{hint}"
 
 
 def _in_command() -> bool:

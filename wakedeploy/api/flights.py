@@ -15,6 +15,7 @@ from wakedeploy.api.display import data_frame
 from wakedeploy.api.inputs import PathLike, path_of, rig_of
 from wakedeploy.core import figures
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import path_from
 from wakedeploy.core.names import unknown
 from wakedeploy.core.run_summary import RunSummary, summarise
 from wakedeploy.core.runlog import Array, RunLog, read_run_log
@@ -36,6 +37,7 @@ SECONDS = 20.0  # of a random plan
 SHORTEST_S, LONGEST_S = 1.0, 3600.0  # of one
 MOST_FLIGHTS = 10_000
 Backend = Literal["onnx", "c"]
+_PATHS = ("range_socket", "reference", "arm_file")  # of a place
 
 
 class Place(TypedDict, total=False):
@@ -53,15 +55,15 @@ class Place(TypedDict, total=False):
     """
 
     port: str | None
-    range_socket: Path | None
+    range_socket: PathLike | None
     realtime: bool | None
     wall_clock: bool
     firmware: bool
     plant_rig: "Rig | PathLike | None"
     hooks: str | None
     plant_seed: int | None
-    reference: Path | None
-    arm_file: Path | None
+    reference: PathLike | None
+    arm_file: PathLike | None
     wake_off: bool
     watch_gap: bool
     allow_lead_mismatch: bool
@@ -88,7 +90,8 @@ class Flight:
 
         An unfinished recording is read as far as it goes. UnusableInput for what is no run log.
         """
-        return cls(read_run_log(Path(path)), Path(path))
+        path = path_from(path, "path")
+        return cls(read_run_log(path), path)
 
     def __len__(self) -> int:
         return len(self.log)
@@ -387,14 +390,16 @@ def request_of(
 
         others["as_c"] = kept_c
     if (plant := others.pop("plant_rig", None)) is not None:
-        others["plant_rig"] = rig_of(plant)
+        others["plant_rig"] = rig_of(plant, "plant_rig")
+    for name in _PATHS:
+        others |= {name: path_of(others[name], name)} if name in others else {}
     return RunRequest(
         rig=rig_of(rig),
-        rig_path=None if isinstance(rig, Rig) else path_of(rig),
+        rig_path=None if isinstance(rig, Rig) else path_of(rig, "rig"),
         package=path,
         seconds=seconds,
         seed=seed,
-        log=path_of(log),
+        log=path_of(log, "log"),
         **others,
     )
 
@@ -414,7 +419,7 @@ def _package_path(package: "Predictor | PathLike | None") -> Path | None:
         return package.path
     if package is not None:
         require_path(package)
-    return path_of(package)
+    return path_of(package, "package")
 
 
 def _flies_c(backend: str | None, package: Path | None) -> bool:

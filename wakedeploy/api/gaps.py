@@ -3,7 +3,7 @@
 import functools
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,6 +14,7 @@ from wakedeploy.api.inputs import PathLike
 from wakedeploy.api.systems import is_system, take
 from wakedeploy.core.caller import Warn, warn_caller
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import path_from
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.folder import RUN_LOG, at_work, require_logs
@@ -62,7 +63,7 @@ class Gap:
     @classmethod
     def read(cls, folder: PathLike) -> "Gap":
         """What an earlier run left in its folder; UnusableInput where there is no result."""
-        gap = cls(Path(folder))
+        gap = cls(path_from(folder, "folder"))
         _ = gap.result
         return gap
 
@@ -254,6 +255,7 @@ def close_gap(
     workers = whole("workers", workers, 1, MOST_PROCESSES)
     if retrain_minutes is not None:
         retrain_minutes = real("retrain_minutes", retrain_minutes, *RETRAINING_MINUTES)
+    folder = path_from(out, "out")
     if not _several(measured):
         raise UnusableInput("measured is empty: give flights or logs, one or more.")
     if is_system(system):
@@ -264,18 +266,18 @@ def close_gap(
             system,
             _logs_of_system(measured),
             columns,
-            Path(out),
+            folder,
             progress,
             warn,
             report=report,
             plan=plan,
         )
-        return Gap(Path(out), taken.exported, taken.next)
+        return Gap(folder, taken.exported, taken.next)
     if columns is not None:
         raise UnusableInput("columns are for a system of your own; flights of a rig need none.")
     rig_path = _rig_path(system)
-    _closed(rig_path, measured, Path(out), workers, report, retrain_minutes, plan, progress, warn)
-    return Gap.read(out)
+    _closed(rig_path, measured, folder, workers, report, retrain_minutes, plan, progress, warn)
+    return Gap.read(folder)
 
 
 def _closed(
@@ -340,8 +342,10 @@ def _ranking(gap: Gap) -> dict[str, list[Any]]:
 
 def _several(measured: Any) -> list[Any]:
     """What was measured, one or more."""
-    is_single = isinstance(measured, (str, os.PathLike, Flight, Recording))
-    return [measured] if is_single else list(measured)
+    is_several = isinstance(measured, Iterable) and not isinstance(
+        measured, (str, bytes, os.PathLike, Flight, Recording)
+    )
+    return list(measured) if is_several else [measured]
 
 
 def _logs_of_system(measured: Any) -> "list[Recording | PathLike]":
@@ -372,7 +376,7 @@ def _log_path(flight: "Flight | Recording | PathLike") -> Path:
     if isinstance(flight, Recording):
         raise UnusableInput("A recording is of a system; give a rig flights or their run logs.")
     if not isinstance(flight, Flight):
-        return Path(flight)
+        return path_from(flight, "measured")
     if flight.path is None:
         raise UnusableInput("A flight was not recorded in a file; fly it with log=…, or write it.")
     return flight.path

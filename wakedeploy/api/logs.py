@@ -8,6 +8,7 @@ from wakedeploy.api.arguments import in_python
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.caller import warn_caller
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import path_from
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
@@ -105,8 +106,9 @@ def guess_columns(log: PathLike, system: "SystemLike | None" = None) -> str:
 
 
 def _paths(files: Paths) -> list[Path]:
-    several = [files] if isinstance(files, str) or not isinstance(files, Sequence) else files
-    paths = [Path(path) for path in several]
+    if isinstance(files, str | bytes) or not isinstance(files, Sequence):
+        files = [files]
+    paths = [path_from(path, "log") for path in files]
     for path in paths:
         if not path.exists():
             raise UnusableInput(f"{path}: is not there; correct the path of this log.")
@@ -116,7 +118,7 @@ def _paths(files: Paths) -> list[Path]:
 def _columns(columns: "Columns | PathLike") -> "Columns":
     from wakedeploy.domains.tables.columns import Columns, read_columns
 
-    return columns if isinstance(columns, Columns) else read_columns(Path(columns))
+    return columns if isinstance(columns, Columns) else read_columns(path_from(columns, "columns"))
 
 
 def _stage(progress: Progress) -> Callable[[int, int], None]:

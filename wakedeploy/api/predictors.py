@@ -13,8 +13,9 @@ from runtime.flyable import Flyable, Predicting, predictor_of, read_flyable
 from wakedeploy.api.arguments import in_python
 from wakedeploy.api.compiled import AsC, c_of_package, c_of_run, wish_of
 from wakedeploy.api.display import html_table
-from wakedeploy.api.inputs import PathLike, episode_set, rig_of
+from wakedeploy.api.inputs import PathLike, episode_set, path_of, rig_of
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import path_from
 from wakedeploy.core.manifest import FloatArray, Manifest
 from wakedeploy.core.observations import series_of, warn_out_of_range
 from wakedeploy.core.package import Package
@@ -247,7 +248,7 @@ def export(
 
     wish = None if c is None else wish_of(Path(c), as_c)
     trained = _one_run(run)
-    path = Path(out) if out is not None else Path(f"{trained.config.arch}.onnx")
+    path = path_of(out, "out") or Path(f"{trained.config.arch}.onnx")
     episodes = episodes_of(trained) if data is None else episode_set(data)
     progress("Exporting", 0, 1)
     made = export_run(trained, episodes, path, lambda n, total: progress("Exporting", n, total))
@@ -296,7 +297,7 @@ def _one_run(run: "TrainedRun | Runs | PathLike") -> "TrainedRun":
     if isinstance(run, TrainedRun):
         return run
     if not isinstance(run, Runs):
-        return load_run(Path(run))
+        return load_run(path_from(run, "run"))
     if len(run) != 1:
         raise UnusableInput(
             f"{run.folder}: {len(run)} runs were trained; export one of them, such as runs[0] or"

@@ -1,12 +1,12 @@
 """Episode sets by their domain's name: simulated, or imported from recordings."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy.api.arguments import LEAST_MINUTES, MOST_MINUTES, in_python, real, whole
 from wakedeploy.api.inputs import PathLike, rig_of
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import path_from
 from wakedeploy.core.names import domains, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -92,7 +92,7 @@ def import_set(
     _possible(name, known.settings, settings)
     _require_settings(name, known.settings, settings)
     progress("Importing", 0, 1)
-    return known.read(Path(path), _steps(progress, "Importing"), **settings)
+    return known.read(path_from(path, "path"), _steps(progress, "Importing"), **settings)
 
 
 def _possible(name: str, known: "tuple[Setting, ...]", settings: dict[str, Any]) -> list[str]:

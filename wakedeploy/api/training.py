@@ -13,6 +13,7 @@ from wakedeploy.api.scores import ScoreRow, Scores, Shown, about_run, score_row
 from wakedeploy.core.caller import Warn, warn_caller
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.few_samples import few_samples
+from wakedeploy.core.files import path_from
 from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -149,6 +150,7 @@ def train(
         lead_s = real("lead_s", lead_s, 0.0, LONGEST_LEAD_S)
     if epochs is not None:
         epochs = whole("epochs", epochs, 1, MOST_EPOCHS)
+    folder = path_from(out, "out")
     data = episode_set(data)
     of_preset = architectures() if preset in (REFERENCE, TUNED) else None
     names = _names(arch) or of_preset or (read_preset(Path(preset)).arch,)
@@ -158,9 +160,9 @@ def train(
     configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
     _warn_of_long_memory(configs, data, warn)
     _warn_of_few_samples(configs, data, warn)
-    opened = _opened(tracker, Path(out), warn)
+    opened = _opened(tracker, folder, warn)
     beside = functools.cache(lambda warm_up: baselines(data, "test", lead_s, warm_up))
-    manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn, beside)
+    manner = _Manner(folder, opened, fresh, device, pictures, progress, warn, beside)
     with _threads(threads):
         runs = [
             _trained(config, data, manner, f"{number} of {len(configs)}")
@@ -169,7 +171,7 @@ def train(
         warm_up = max(config.warm_up_steps for config in configs)
         rows = tuple(_test_row(run, data, warm_up) for run in runs)
         scores = Scores(rows, {lead_s: beside(warm_up)}, runs[0].config.force, "test")
-        return Runs(runs, Path(out), scores)
+        return Runs(runs, folder, scores)
 
 
 # --- what is trained ----------------------------------------------------------------------------
@@ -195,6 +197,8 @@ def _names(arch: str | Sequence[str] | None) -> tuple[str, ...]:
 
 def _changed(hyper: Mapping[str, Any], names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The changed hyper-parameters by architecture; each that is trained has an entry."""
+    if not isinstance(hyper, Mapping):
+        raise UnusableInput(f'hyper is {hyper!r:.60}: give {{"ARCH.NAME": value}}.')
     changed: dict[str, dict[str, Any]] = {name: {} for name in names}
     for key, value in hyper.items():
         given, dot, name = key.rpartition(".")

@@ -162,6 +162,9 @@ def tune(
     from trainers.tuning.study import default_name
     from trainers.tuning.workers import Work
 
+    if not isinstance(arch, str):
+        raise UnusableInput(f"arch is {arch!r:.60}: give the name of one architecture.")
+    folder = path_of(out, "out")
     trials = whole("trials", trials, 1, MOST_TRIALS)
     workers = whole("workers", workers, 1, MOST_PROCESSES)
     pruner = one_of("pruner", pruner, get_args(Pruner))  # type: ignore[assignment]
@@ -182,7 +185,7 @@ def tune(
     work = Work(
         plan,
         _folder_of(data),
-        path_of(out) or Path("tuned") / default_name(plan),
+        folder or Path("tuned") / default_name(plan),
         storage,
         study_name,
         trials,

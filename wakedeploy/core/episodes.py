@@ -23,7 +23,14 @@ from pydantic import Field, JsonValue
 
 from wakedeploy.core.archive import read_archive
 from wakedeploy.core.errors import UnusableInput, one_line
-from wakedeploy.core.files import json_of, sha256_of, text_of, write_bytes_whole, write_text_whole
+from wakedeploy.core.files import (
+    json_of,
+    path_from,
+    sha256_of,
+    text_of,
+    write_bytes_whole,
+    write_text_whole,
+)
 from wakedeploy.core.locks import one_at_a_time
 from wakedeploy.core.validation import first_problem
 
@@ -136,7 +143,7 @@ class EpisodeSet:
     @classmethod
     def read(cls, folder: Path | str) -> "EpisodeSet":
         """Read a set from its folder; UnusableInput names the file, the field and the value."""
-        return read_episode_set(Path(folder))
+        return read_episode_set(path_from(folder, "folder"))
 
     def __repr__(self) -> str:
         observed, forces = (
@@ -175,7 +182,7 @@ class EpisodeSet:
 
         Of two processes that write into one folder, the second waits for the first.
         """
-        folder = Path(folder)
+        folder = path_from(folder, "folder")
         if folder.exists() and not folder.is_dir():
             raise UnusableInput(f"{folder}: is a file; give a folder for the episode set.")
         with one_at_a_time(folder, "set", traceless=True):

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.names import near, one_of
 
 _MARK = ".unfinished-"  # in the names of files that are being written
@@ -22,6 +23,16 @@ _NO_LINKS = (
     errno.EMLINK,
 )  # where files have one name, as on a USB stick
 MOST_TEXT_BYTES = 64 << 20
+
+
+def path_from(given: object, name: str) -> Path:
+    """The path that an argument of this name gives; UnusableInput for what is none, such as a list.
+
+    Text and what stands for it are paths, as everywhere in Python; bytes are not.
+    """
+    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str):
+        raise UnusableInput(f"{name} is {given!r:.60}: give a path, as text or as a Path.")
+    return Path(given)
 
 
 def absent(path: Path, accepted: str) -> str:

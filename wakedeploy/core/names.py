@@ -51,5 +51,5 @@ def unknown(given: str, what: str, names: Iterable[str]) -> str:
     return f"'{given}' is no {what}; {hint} {', '.join(names)}"
 
 
-def _folded(name: str) -> str:
-    return name.strip().lower().replace("_", "-").replace(" ", "-")
+def _folded(name: object) -> str:
+    return str(name).strip().lower().replace("_", "-").replace(" ", "-")

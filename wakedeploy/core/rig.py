@@ -16,7 +16,7 @@ from pydantic import Field
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.expression import expression_of
-from wakedeploy.core.files import sha256_of, write_text_whole
+from wakedeploy.core.files import path_from, sha256_of, write_text_whole
 from wakedeploy.core.rig_sections import (
     Battery,
     Control,
@@ -176,6 +176,10 @@ class Rig(Section):
         """
         raw = self._as_toml()
         for section, values in sections.items():
+            if not isinstance(values, Mapping):
+                raise UnusableInput(
+                    f"{section} is {values!r:.60}: give its constants by name, as {{name: value}}."
+                )
             raw[section] = _merged(raw.get(section, {}), values)
         return rig_from_tables(raw, "changed rig")
 
@@ -187,7 +191,7 @@ class Rig(Section):
 
     def write(self, path: Path | str) -> None:
         """Write the rig as TOML; a killed process leaves the old file."""
-        write_text_whole(Path(path), self.text)
+        write_text_whole(path_from(path, "path"), self.text)
 
     def _as_toml(self) -> dict[str, Any]:
         raw: dict[str, Any] = self.model_dump(mode="json", by_alias=True, exclude_none=True)

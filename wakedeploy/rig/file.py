@@ -4,10 +4,11 @@ In: a TOML file. Out: a `Rig`, whose effects the library has, with values within
 """
 
 import importlib.resources
+import numbers
 from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput, one_line
-from wakedeploy.core.files import text_of, toml_of
+from wakedeploy.core.files import path_from, text_of, toml_of
 from wakedeploy.core.rig import Effect, EffectParameter, Rig, rig_from_tables
 from wakedeploy.core.rig_units import EffectUnits
 from wakedeploy.physics.effects import LIBRARY
@@ -27,7 +28,7 @@ def read_rig(path: Path | str) -> Rig:
     Raises:
         UnusableInput: Names file, section, key, value and bound.
     """
-    return parse_rig(read_rig_text(Path(path)), str(path))
+    return parse_rig(read_rig_text(path_from(path, "path")), str(path))
 
 
 def read_rig_text(path: Path) -> str:
@@ -78,6 +79,9 @@ def with_effect(rig: Rig, effect: str, /, **parameters: float) -> Rig:
         UnusableInput: There is no such effect or parameter, one is missing, or a value lies beyond
             its bounds.
     """
+    for name, value in parameters.items():
+        if not isinstance(value, numbers.Real) or isinstance(value, bool):
+            raise UnusableInput(f"{effect}: {name} is {value!r:.60}: give a number.")
     units = {parameter.name: parameter.unit for parameter in known_effect(effect).parameters}
     stated = {n: EffectParameter(value=v, unit=units.get(n, "1")) for n, v in parameters.items()}
     changed = rig.model_copy(
