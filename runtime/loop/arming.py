@@ -27,8 +27,16 @@ def arm_limits(rig: Rig, motors_off: bool = False) -> Arm:
     )
 
 
-def require_home(armed: Status) -> None:
-    """UnusableInput when the carriage is not where its steps are counted from."""
+def require_home(armed: Status, *, is_plant: bool) -> None:
+    """UnusableInput when the carriage is not where its steps are counted from.
+
+    Nobody can push that of a plant process, which `rig virtual` serves.
+    """
+    if not armed.homed and is_plant:
+        raise UnusableInput(
+            "The carriage of this virtual gantry is not at its home mark, from where its steps are "
+            "counted; end `wakedeploy rig virtual` by Ctrl-C, begin it anew and start again."
+        )
     if not armed.homed:
         raise UnusableInput(
             "The carriage is not at its home mark, from where its steps are counted; switch "

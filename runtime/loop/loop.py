@@ -126,7 +126,8 @@ class Loop:
         """
         armed = self._link.arm(self._limits)
         try:
-            require_home(armed)
+            newest = self._ranges.newest
+            require_home(armed, is_plant=newest is not None and newest.plant_time_us > 0)
             require_battery(armed, self._rig, self._plan)
         except UnusableInput:
             self._link.disarm()

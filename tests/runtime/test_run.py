@@ -31,6 +31,7 @@ from runtime.run import fly
 from runtime.verdict import judge
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
+from wakedeploy.cli.run_gantry import _lines, summary
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.failsafes import HINTS
 from wakedeploy.core.manifest import ForceChannel
@@ -262,7 +263,7 @@ def test_a_failsafe_and_a_log_with_holes_are_both_told(cause, said):
 def test_a_start_that_is_refused_leaves_no_log_in_the_way_of_the_next(tmp_path, monkeypatch):
     log = tmp_path / "flight.mcap"
 
-    def refuse(armed):
+    def refuse(armed, is_plant):
         raise UnusableInput("The carriage is not at home.")
 
     with monkeypatch.context() as patched:
@@ -461,6 +462,18 @@ def test_a_virtual_gantry_that_stood_still_is_blamed_and_no_wire(cause):
     assert "it stood still for 0.80 s at 11.7 s" in str(ended.value)
     assert "wire" not in str(ended.value)
     assert "cable" not in str(ended.value)
+
+
+def test_a_whole_flight_says_when_its_virtual_gantry_stood_still():
+    tally = Tally(1 / 32, ended="whole")
+    for series in tally.stages_s.values():
+        series.append(1e-4)
+    unmoved = dict(_lines(summary(tally, 13.25)))
+    assert not [name for name in unmoved if "stood still" in name]
+    tally.gantry_stood_still(1.5, 12.5)
+    assert dict(_lines(summary(tally, 13.25))) == unmoved | {
+        "The virtual gantry stood still": "for 1500 ms at 11.0 s"
+    }
 
 
 def test_what_stands_still_after_a_failsafe_began_did_not_begin_it():

@@ -182,7 +182,7 @@ def _computing(tally: "Tally", budget_ms: float) -> dict[str, Any]:
     totals_ms = 1e3 * tally.totals_s
     if not totals_ms.size:
         return {"clock": "simulated"}
-    pause = tally.pause
+    pause, gantry = tally.pause, tally.gantry_pause
     return {
         "clock": "real",
         "budget_ms": budget_ms,
@@ -191,6 +191,8 @@ def _computing(tally: "Tally", budget_ms: float) -> dict[str, Any]:
         "compute_max_ms": float(np.max(totals_ms)),
         "stood_still_ms": 1e3 * pause.length_s if pause else 0.0,
         "stood_still_at_s": pause.at_s if pause else None,
+        "gantry_stood_still_ms": 1e3 * gantry.length_s if gantry else 0.0,
+        "gantry_stood_still_at_s": gantry.at_s if gantry else None,
     }
 
 
@@ -237,9 +239,13 @@ def _timing_lines(result: dict[str, Any]) -> list[tuple[str, str]]:
         ),
         ("Budget", f"{verdict} {budget_ms:.2f} ms"),
     ]
-    if result["stood_still_at_s"] is not None:
-        stood = f"for {result['stood_still_ms']:.0f} ms at {result['stood_still_at_s']:.1f} s"
-        lines.append(("This computer stood still", stood))
+    for who, key in (
+        ("This computer", "stood_still"),
+        ("The virtual gantry", "gantry_stood_still"),
+    ):
+        if (at_s := result[f"{key}_at_s"]) is not None:
+            stood = f"for {result[f'{key}_ms']:.0f} ms at {at_s:.1f} s"
+            lines.append((f"{who} stood still", stood))
     return lines
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from world import RIG, World, resting_plan
 
 from runtime.io.conversation import Answer
 from runtime.io.protocol import Command as WireCommand
-from runtime.loop.arming import arm_limits
+from runtime.loop.arming import arm_limits, require_home
 from runtime.loop.blind import ladder_s
 from runtime.loop.loop import Loop, applied_s, budget_s, require_wait
 from runtime.loop.prediction_worker import Result
@@ -330,6 +331,13 @@ def test_nothing_flies_from_a_carriage_that_is_not_at_home():
         fly(world)
     assert world.disarmed
     assert world.commands == []
+
+
+def test_of_a_virtual_gantry_nobody_is_told_to_push_the_carriage():
+    with pytest.raises(UnusableInput, match="begin it anew") as told:
+        require_home(SimpleNamespace(homed=False), is_plant=True)
+    assert "push" not in str(told.value)
+    require_home(SimpleNamespace(homed=True), is_plant=True)
 
 
 def test_limits_cross_the_wire_in_its_units():
