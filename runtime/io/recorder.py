@@ -182,7 +182,11 @@ def _started(path: Path, metadata: Mapping[str, str]) -> RunLogWriter:
         with begun(path) as file:
             return RunLogWriter(file, metadata)
     except FileExistsError as error:
-        raise taken from error
+        if path.parent.is_dir():
+            raise taken from error
+        raise UnusableInput(
+            f"{path}: {path.parent} is no folder; name a file in one for --log."
+        ) from error
     except OSError as error:
         raise UnusableInput(
             f"{path}: no run log can be written there ({why(error)}); name another file for --log."

@@ -140,6 +140,12 @@ def test_an_earlier_recording_is_not_overwritten(tmp_path: Path) -> None:
         Recorder(tmp_path / "a.mcap", METADATA)
 
 
+def test_under_a_file_no_recording_is_said_to_lie(tmp_path: Path) -> None:
+    (tmp_path / "a.onnx").touch()
+    with pytest.raises(UnusableInput, match=r"a\.onnx is no folder; name a file in one for --log"):
+        Recorder(tmp_path / "a.onnx" / "flight.mcap", METADATA)
+
+
 def test_of_two_recordings_that_begin_as_one_file_the_second_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
