@@ -147,6 +147,12 @@ def test_paths_start_in_the_home_folder(rig, packages):
     assert (rig.site / "current.onnx").read_bytes() == first.read_bytes()
 
 
+def test_a_target_that_is_no_name_is_not_called_a_lost_connection(packages):
+    done = CliRunner().invoke(main, ["deploy", "pi@rig;x", str(packages("first.onnx"))])
+    assert done.exit_code == 2
+    assert "pi@rig;x: is no name of a host; give what ssh takes" in done.stderr
+
+
 def test_a_broken_package_never_leaves(rig, packages, tmp_path):
     cut = tmp_path / "cut.onnx"
     cut.write_bytes(packages("first.onnx").read_bytes()[:-400])

@@ -39,6 +39,10 @@ _REASONS = (
         "Permission denied|Too many authentication failures",
         "it refused the key; copy yours there with ssh-copy-id, or unlock it with ssh-add.",
     ),
+    (
+        "hostname contains invalid characters",
+        "is no name of a host; give what ssh takes, such as pi@rig.",
+    ),
     ("Could not resolve", "there is no host of this name; check its spelling and the network."),
     ("Connection refused", "no ssh server answers there; switch ssh on, or check the port."),
     (
