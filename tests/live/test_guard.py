@@ -1,5 +1,7 @@
 """Who may come to a page, and what a page may ask for: decisions alone, without a server."""
 
+import shlex
+
 import pytest
 
 from runtime.io.live_feed import FREE, HELD, STOP
@@ -53,6 +55,13 @@ def test_addresses_are_read_and_refused_in_a_sentence():
     for wrong in ("8032", "host", "host:", ":80", "h:99999", "h:x"):
         with pytest.raises(UnusableInput, match="is no address"):
             address_of(wrong)
+
+
+def test_the_line_to_a_socket_survives_a_shell_and_another_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    line = address_of("my pages/live").link("token").split(" that runs: ")[1]
+    assert f"8032:{tmp_path}/my pages/live" in shlex.split(line)
+    assert " 8032:/run/live " in address_of("/run/live").link("token")
 
 
 def test_other_computers_come_only_with_a_kept_token(tmp_path):

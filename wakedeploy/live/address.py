@@ -4,6 +4,7 @@ import hmac
 import ipaddress
 import re
 import secrets
+import shlex
 import socket
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,9 +33,11 @@ class Address:
     def link(self, token: str) -> str:
         """What a person opens; the token stands behind a #, which browsers never send."""
         if self.path is not None:
+            # There the path begins at its root, and a shell reads the line.
+            forward = shlex.quote(f"8032:{self.path.absolute()}")
             return (
                 f"http://127.0.0.1:8032/#{token}, on a computer that runs: "
-                f"ssh -N -L 8032:{self.path} USER@{socket.gethostname()}"
+                f"ssh -N -L {forward} USER@{socket.gethostname()}"
             )
         host = f"[{self.host}]" if ":" in self.host else self.host
         host = socket.gethostname() if host in ("0.0.0.0", "[::]") else host  # noqa: S104
