@@ -45,6 +45,12 @@ def test_comments_do_not_change_the_hash() -> None:
     assert parse_rig(bare).sha256 == default_rig().sha256
 
 
+def test_a_mark_of_the_byte_order_is_no_part_of_a_rig_file(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(default_rig_text(), encoding="utf-8-sig")
+    assert read_rig(path) == default_rig()
+
+
 @given(st.floats(1000.0, 2000.0))
 def test_the_thrust_curve_and_its_inverse_undo_each_other(pulse_us: float) -> None:
     curve = default_rig().thrust.sufferer

@@ -194,9 +194,12 @@ def json_of(text: str | bytes) -> Any:
 
 
 def toml_of(text: str) -> dict[str, Any]:
-    """The tables of a TOML document; ValueError for none, and for one that is nested too deeply."""
+    """The tables of a TOML document; ValueError for none, and for one that is nested too deeply.
+
+    A mark of the byte order, which editors on Windows put first, is no part of it.
+    """
     try:
-        return tomllib.loads(text)
+        return tomllib.loads(text.removeprefix("\ufeff"))
     except RecursionError:
         raise ValueError("nested too deeply") from None
 
