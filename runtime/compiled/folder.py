@@ -1,6 +1,7 @@
 """What `wakedeploy export --c` writes, read again: four files that belong together."""
 
 import re
+import shlex
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -111,9 +112,18 @@ class CFolder:
         return driven(self.manifest, 512)
 
 
+# What a run's folder holds, as trainers.training.runs has it, which loads torch.
+OF_RUN = ("config.json", "best.safetensors")
+
+
 def read_c_folder(path: Path | str) -> CFolder:
     """Read and validate a folder; UnusableInput where files are missing, foreign or altered."""
     path = Path(path)
+    if all((path / name).is_file() for name in OF_RUN):
+        raise UnusableInput(
+            f"{path}: is the folder of a run; make a package of it by `wakedeploy export --run"
+            f" {shlex.quote(str(path))}`, and name that."
+        )
     found = [p for p in sorted(path.glob("*.c")) if not p.stem.endswith("_test")]
     if len(found) != 1:
         sources = "no C source" if not found else f"{len(found)} C sources"

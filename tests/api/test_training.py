@@ -291,7 +291,16 @@ def test_what_is_no_run_is_not_evaluated(runs: wd.Runs) -> None:
             wd.evaluate(strange, echo())
 
 
+def test_several_to_evaluate_are_no_paths(runs: wd.Runs) -> None:
+    with pytest.raises(
+        wd.UnusableInput, match=r"^'runs' is a path, .* wd\.load, or give one folder"
+    ):
+        wd.evaluate([runs[0], "runs"], echo())
+
+
 def test_the_folder_of_a_run_is_no_package_yet(runs: wd.Runs) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"folder of a run; .*`wakedeploy export --run"):
+        wd.fly(runs["gru"].folder)
     with pytest.raises(wd.UnusableInput, match=r"folder of a run; .*wd\.export"):
         wd.load(runs["gru"].folder)
 

@@ -168,6 +168,10 @@ def test_a_missing_file_is_told(copied, name):
 
 def test_a_folder_of_something_else_is_told(tmp_path):
     assert "no C source" in refused("check", tmp_path)
+    (run := tmp_path / "s0").mkdir()
+    for name in ("config.json", "best.safetensors"):
+        (run / name).touch()
+    assert f"`wakedeploy export --run {run}`" in refused("check", run)
     (tmp_path / "main.c").write_text("int main(void) { return 0; }\n")
     assert "not made by wakedeploy" in refused("check", tmp_path)
 

@@ -85,10 +85,15 @@ def _several(given: "Scored | Sequence[Scored]") -> "list[Scored]":
     several = list(given) if isinstance(given, Sequence) else [given]
     kinds = TrainedRun | Predictor
     strange = next((each for each in several if not isinstance(each, kinds)), None)
+    if isinstance(strange, str | os.PathLike):
+        raise UnusableInput(
+            f"{os.fspath(strange)!r:.60} is a path, and several are given as runs or packages: read"
+            " a package by wd.load, or give one folder that holds all of them."
+        )
     if strange is not None:
         raise UnusableInput(
-            f"A {type(strange).__name__} cannot be evaluated; give what train returned, a run of"
-            " it, what load or export returned, a package, or a folder of runs."
+            f"A value of type {type(strange).__name__} cannot be evaluated; give what train"
+            " returned, a run of it, what load or export returned, a package, or a folder of runs."
         )
     if not several:
         raise UnusableInput("There is no run to evaluate; give what train returned, or a folder.")
