@@ -57,6 +57,15 @@ def test_the_error_of_a_flight_is_that_of_its_columns(flight: wd.Flight) -> None
     assert flight.rmse_mm == pytest.approx(1e3 * np.sqrt(np.mean(error_m**2)))
 
 
+def test_a_flight_that_is_read_knows_how_it_ended(tmp_path: Path) -> None:
+    mcap, csv = tmp_path / "a.mcap", tmp_path / "a.csv"
+    flown = wd.fly(seconds=6, log=mcap)
+    assert CliRunner().invoke(main, ["log", "export", str(mcap), "--out", str(csv)]).exit_code == 0
+    for path in (mcap, csv):
+        assert wd.Flight.read(path).ended == flown.ended == "whole"
+    assert repr(wd.Flight.read(mcap)) == repr(flown)
+
+
 def test_a_column_that_is_not_there_is_answered_with_the_one_that_is_near(flight) -> None:
     with pytest.raises(KeyError, match=r"'z_est' is no column .*did you mean z_est_m"):
         flight["z_est"]
@@ -119,6 +128,7 @@ def test_what_was_recorded_is_read_again(tmp_path: Path) -> None:
 def test_what_was_not_recorded_has_its_error_alone(flight: wd.Flight) -> None:
     bare = wd.fly(seconds=6, seed=4, record=False)
     assert (len(bare), bare.rmse_mm) == (0, pytest.approx(flight.rmse_mm, rel=1e-9))
+    assert repr(bare) == f"<Flight: not recorded, RMSE {bare.rmse_mm:.1f} mm, ended whole>"
     several = wd.fly(seconds=6, flights=2, workers=1, record=False)
     with pytest.raises(wd.UnusableInput, match="seed 1 was not recorded; fly it again"):
         several[1]

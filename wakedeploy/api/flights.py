@@ -91,7 +91,8 @@ class Flight:
         An unfinished recording is read as far as it goes. UnusableInput for what is no run log.
         """
         path = path_from(path, "path")
-        return cls(read_run_log(path), path)
+        log = read_run_log(path)
+        return cls(log, path, log.metadata.get("ended", ""))
 
     def __len__(self) -> int:
         return len(self.log)
@@ -137,7 +138,10 @@ class Flight:
         name = "" if self.path is None else f" {self.path}"
         ended = f", ended {self.ended}" if self.ended else ""
         flying_s, cut = self.summary.flying_s, "unfinished" in self.log.metadata
-        error = f", RMSE {self.rmse_mm:.1f} mm" if flying_s > 0.0 else ""
+        has_flown = flying_s > 0.0 or not math.isnan(self.unrecorded_rmse_m)
+        error = f", RMSE {self.rmse_mm:.1f} mm" if has_flown else ""
+        if not len(self) and has_flown:
+            return f"<Flight: not recorded{error}{ended}>"
         flight = f"{len(self)} ticks, {flying_s:.1f} s under control{error}{ended}"
         return f"<Flight{name}: {flight}{', cut off' if cut else ''}>"
 
