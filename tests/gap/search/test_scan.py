@@ -86,6 +86,20 @@ def test_what_a_race_left_on_its_way_is_climbed_if_its_slopes_promise_enough(is_
         assert found.objective == pytest.approx(tops[1].objective, abs=0.1)
 
 
+@pytest.mark.filterwarnings("error")
+def test_what_chance_brings_to_columns_of_any_size_is_the_same():
+    """A finite difference into a state that has left its model is of any size, or none."""
+    rng = np.random.default_rng(0)
+    ground = SimpleNamespace(residual=lambda columns: columns)
+    columns = rng.standard_normal((40, 3))
+    plain = scan._basis(columns, ground)
+    large = scan._basis(columns * np.array([1e-200, 1.0, 1e250]), ground)
+    assert np.abs(large @ large.T - plain @ plain.T).max() < 1e-12
+    columns[3, 1] = np.inf
+    assert scan._basis(columns, ground).shape == (40, 2)
+    assert scan._basis(np.zeros((40, 2)), ground).shape == (40, 0)
+
+
 def test_ports_that_are_alike_do_not_fill_a_race():
     """Gain and drift of each wheel promise more at first sight than the dead time that it is."""
     wheels = ("left", "right")

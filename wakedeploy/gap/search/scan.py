@@ -259,9 +259,12 @@ def _turned(leader: Fit, rng: np.random.Generator, by_block: bool) -> FloatArray
 
 def _basis(columns: FloatArray, ground: Ground) -> FloatArray:
     """Orthonormal directions (2n, k) of a candidate's columns beyond the known directions."""
+    largest = np.abs(columns).max(axis=0, initial=0.0)  # its square may overflow
+    columns = columns[:, (largest > 0.0) & np.isfinite(largest)]
+    columns = columns / np.abs(columns).max(axis=0, initial=0.0)
     residual = ground.residual(columns)
     norm = np.linalg.norm(residual, axis=0)
-    there = norm > 1e-8 * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    there = norm > 1e-8 * np.linalg.norm(columns, axis=0)
     if not there.any():
         return np.zeros((len(columns), 0))
     basis, _ = np.linalg.qr(residual[:, there] / norm[there])
