@@ -49,8 +49,10 @@ def test_a_log_that_is_not_there_is_a_wrong_path(tmp_path) -> None:
         ([0.5, 0.4, 0.3, 0.2, 0.1, 0.0], "from sample 0 to 1 it goes by -0.1 s; cut"),
         ([0.0] * 6, "from sample 0 to 1 it goes by 0 s; cut"),
         ([0.0, 0.1, np.nan, 0.3, 0.4, 0.5], "time_s holds what is no number"),
-        (["a"] * 6, "time_s is not an array of numbers"),
-        (np.arange(6).astype("datetime64[s]"), "time_s is not an array of numbers"),
+        (["a"] * 6, "time_s is not an array (T,) of numbers"),
+        (np.arange(6).astype("datetime64[s]"), "time_s is not an array (T,) of numbers"),
+        (["0", "1", "2", "3", "4", "5"], "time_s is not an array (T,) of numbers"),
+        (np.arange(6.0)[:, None], "time_s is not an array (T,) of numbers"),
     ],
 )
 def test_a_recording_whose_time_does_not_rise_evenly_is_refused(stamps, says) -> None:
@@ -63,7 +65,8 @@ def test_a_recording_whose_time_does_not_rise_evenly_is_refused(stamps, says) ->
 
 @pytest.mark.parametrize("values", [["a"] * 6, np.ones(6) + 1j, [None, {}, 0, 0, 0, 0]])
 def test_a_recording_whose_column_holds_no_numbers_is_refused(values) -> None:
-    with pytest.raises(wd.UnusableInput, match="dive: column 'depth_m' is not an array of numbers"):
+    told = r"dive: column 'depth_m' is not an array \(T,\) of numbers"
+    with pytest.raises(wd.UnusableInput, match=told):
         wd.Recording("dive", np.arange(6.0), {"depth_m": values})
 
 
@@ -73,6 +76,9 @@ def test_a_recording_takes_lists_and_columns_of_a_table() -> None:
     table = pandas.DataFrame({"t": [0.0, 0.1, 0.22, 0.3, 0.41, 0.5], "z": [1, 2, None, 4, 5, 6]})
     made = wd.Recording("dive", table["t"], {"z": table["z"], "u": [0, 1, 2, 3, 4, 5]})
     assert made.rate_hz == pytest.approx(10.0)
+    masked = np.ma.masked_equal([1, 2, 3, 4], 3)
+    read = wd.Recording("dive", [0.0, 2.0, 4.0, 7.0], {"z": masked}).columns["z"]
+    assert np.array_equal(read, [1.0, 2.0, np.nan, 4.0], equal_nan=True)
     assert made.columns["u"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     assert np.flatnonzero(np.isnan(made.columns["z"])).tolist() == [2]
 

@@ -57,14 +57,16 @@ class Recording:
 
     def _numbers(self, what: str, values: ArrayLike) -> NDArray[np.float64]:
         try:
-            plain = np.asarray(values)
-            if plain.dtype.kind not in "cmM":  # of complex numbers and dates a part would be lost
-                return np.atleast_1d(plain.astype(np.float64, copy=False))
+            plain = np.asanyarray(values)  # as it is, if it has a mask
+            # Of complex numbers and dates a part would be lost; text is not read.
+            if plain.ndim == 1 and plain.dtype.kind not in "cmMUS":
+                read = plain.astype(np.float64, copy=False)
+                return np.asarray(np.ma.filled(read, np.nan))
         except (TypeError, ValueError):
             pass
         raise UnusableInput(
-            f"{self.name}: {what} is not an array of numbers; give real numbers, and seconds for "
-            "time."
+            f"{self.name}: {what} is not an array (T,) of numbers; give real numbers, and seconds "
+            "for time."
         )
 
     def _require_even(self) -> None:
@@ -74,7 +76,7 @@ class Recording:
             )
         steps = np.diff(self.time_s)
         usual = float(np.median(steps))
-        is_even = np.abs(steps - usual) < _JITTER * usual  # nowhere, of a time that falls
+        is_even = (steps > 0.0) & (np.abs(steps - usual) <= _JITTER * usual)
         if not is_even.all():
             at = int(np.argmin(is_even))
             beside = f", and {usual:.4g} s is usual" if usual > 0.0 else ""

@@ -21,7 +21,7 @@ _CAUCHY = (2.0 / math.pi) ** 0.5  # his density over the normal one's, in the mi
 _LOST_NORM = 1e9  # of a matrix times a sample: such a lane has left its model
 _SWEEPS, _AGREED = 40, 1e-6  # over frictions that change each other's speeds; shares of strengths
 # Lanes that are computed side by side. A loop over eight is written out in full by the compiler,
-# and takes twice as long as one over many; the matrices of more than these leave the first cache.
+# and takes twice as long as one over many. More than these gain nothing further.
 _WIDE = 96
 
 
@@ -125,8 +125,8 @@ def stepped(
     n, lanes = rates.shape[0], rates.shape[2]
     pushes = x.shape[0] - n
     every = n + pushes
-    groups = (lanes + _WIDE - 1) // _WIDE
-    wide = (lanes + groups - 1) // groups
+    groups = max((lanes + _WIDE - 1) // _WIDE, 1)
+    wide = max((lanes + groups - 1) // groups, 1)
     a, f, phi = np.empty((n, n, wide)), np.empty((n, n, wide)), np.empty((n, n, wide))
     half, work, power = np.empty((n, n, wide)), np.empty((n, n, wide)), np.empty((n, n, wide))
     whole, cov = np.zeros((n, every, wide)), np.empty((every, every, wide))

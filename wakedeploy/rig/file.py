@@ -4,7 +4,6 @@ In: a TOML file. Out: a `Rig`, whose effects the library has, with values within
 """
 
 import importlib.resources
-import numbers
 from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput, one_line
@@ -80,8 +79,10 @@ def with_effect(rig: Rig, effect: str, /, **parameters: float) -> Rig:
             its bounds.
     """
     for name, value in parameters.items():
-        if not isinstance(value, numbers.Real) or isinstance(value, bool):
-            raise UnusableInput(f"{effect}: {name} is {value!r:.60}: give a number.")
+        try:
+            parameters[name] = float("text" if isinstance(value, str | bytes | bool) else value)
+        except (TypeError, ValueError):
+            raise UnusableInput(f"{effect}: {name} is {value!r:.60}: give a number.") from None
     units = {parameter.name: parameter.unit for parameter in known_effect(effect).parameters}
     stated = {n: EffectParameter(value=v, unit=units.get(n, "1")) for n, v in parameters.items()}
     changed = rig.model_copy(

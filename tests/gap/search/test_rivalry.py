@@ -201,6 +201,16 @@ def test_a_leader_by_which_inputs_do_hardly_anything_has_rivals_that_gain_much_o
     assert len(_told(weak, *many)) == (3 if len(told) > 1 else 1)  # no class is larger
     mass = _verdict("added-inertia@v", ACCEPTED, [25.0, 18.0, 26.0, 21.0], 1.0)
     assert _told(mass, wake) == ["added-inertia@v"]  # half of what they do is plausible
+    as_little = replace(mass.candidate, gains=wake.candidate.gains)
+    assert _told(weak, replace(mass, candidate=as_little, squares=wake.squares)) == ["gain@u"]
+
+
+def test_beside_inputs_that_do_hardly_anything_a_companion_is_no_rival(monkeypatch):
+    weak = _verdict("gain@u", ACCEPTED, [25.0, 18.0, 26.0, 21.0], 1.0)
+    wake = _verdict("wake", ACCEPTED, [20.0, 12.0, 18.0, 14.0], 1.5)
+    for is_one in (True, False):
+        monkeypatch.setattr(rounds, "is_companion", lambda *given, is_one=is_one: is_one)
+        assert _told(weak, wake) == (["gain@u"] if is_one else ["gain@u", "wake"])
 
 
 def test_a_trifle_tells_no_forecasts_apart_however_sure_it_is():

@@ -1,5 +1,6 @@
 """Which candidates of a scan are climbed to the end, where a race has left them on the way."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -70,10 +71,10 @@ def test_only_what_is_higher_replaces_a_fit(monkeypatch):
     assert [each["dry@v"] for each in asked] == [12.0, 12.0, 30.0]
 
 
-@pytest.mark.parametrize("is_climbed", [True, False])
-def test_what_a_race_left_on_its_way_is_climbed_if_its_slopes_promise_enough(is_climbed):
-    """A linear model's slopes promise exactly what is left of the way to the top."""
-    model = Linear({"a": 0.6, "c": 0.6 if is_climbed else 0.1})
+@pytest.mark.parametrize(("size", "is_climbed"), [(0.6, True), (0.4, True), (0.1, False)])
+def test_what_a_race_left_on_its_way_is_climbed_if_its_slopes_promise_enough(size, is_climbed):
+    """A linear model's slopes promise exactly what is left; others may promise a third of it."""
+    model = Linear({"a": 0.6, "c": size})
     base, *tops = (fit(model, h, range(EPISODES)) for h in ((), ("a",), ("c",)))
     start = begun(model, ("c",), base, np.append(base.theta, 0.0))
     short = fresh(model, start, start.theta)
@@ -84,6 +85,8 @@ def test_what_a_race_left_on_its_way_is_climbed_if_its_slopes_promise_enough(is_
     assert set(rested) == ({"c"} if is_climbed else set())
     for found in rested.values():
         assert found.objective == pytest.approx(tops[1].objective, abs=0.1)
+    lost = replace(short.slopes, innovation=(short.slopes.innovation[0] * 1e250,) * EPISODES)
+    assert promised_nats(replace(short, slopes=lost)) == 0.0
 
 
 @pytest.mark.filterwarnings("error")

@@ -39,6 +39,7 @@ _SHORTER = 3  # steps that are scored beside one, in case it gains nothing
 # points looked back to, and how many times farther than from there the climb goes.
 _NEAR = 0.01
 _DAMPINGS = tuple(10.0**power for power in range(-12, -2))
+_LIMITS = (1e-8, 1e-6, 1e-4, 1e-2)  # of curvature along a ridge, as shares of the largest
 _PASSED, _FARTHER = (1, 2, 4), (1.0, 3.0, 10.0, 30.0, 100.0)
 
 
@@ -103,32 +104,60 @@ class Ascent:
 
         Slopes show a direction that leaves the ridge before long, and steps go from side to side.
         From a point on it to a later one is a better direction (Hooke and Jeeves 1961); steps of
-        all dampings and points farther on from where the climb has passed are scored together. Its
-        finite differences are short; those of the fit are not, as some likelihoods are jagged.
+        all dampings, steps along the ridge alone and points farther on from where the climb has
+        passed are scored together. Its finite differences are short; those of the fit are not, as
+        some likelihoods are jagged.
         """
         low, high = bounds_of(self._free)
         slopes, passed, converged = self.slopes(theta, None, share=_NEAR), [theta], False
         value = self._objective(slopes.scores, theta)
         for _ in range(_ITERATIONS):
             tried = [self._tried(slopes, theta, damping)[0] for damping in _DAMPINGS]
+            tried += [np.clip(theta + step, low, high) for step in self._steps_along(slopes, theta)]
             behind = [passed[-1 - back] for back in _PASSED if back < len(passed)]
             tried += [
                 np.clip(theta + times * (theta - point), low, high)
                 for point in behind
                 for times in _FARTHER
             ]
-            scored = self._many(np.array(tried))
-            reached = [self._objective(s, t) for s, t in zip(scored, tried, strict=True)]
-            best = int(np.argmax(np.nan_to_num(reached, nan=-np.inf)))
-            if not reached[best] - value > self._enough_nats:
+            best, scores, reached = self._best_of(np.array(tried))
+            if not reached - value > self._enough_nats:
                 converged = True
                 break
-            before, value = (slopes, theta), reached[best]
-            theta = tried[best]
-            slopes = self.slopes(theta, None, scored[best], share=_NEAR)
+            before, value, theta = (slopes, theta), reached, best
+            slopes = self.slopes(theta, None, scores, share=_NEAR)
             self._learn(*before, slopes, theta)
             passed.append(theta)
         return self._fitted(theta, self.slopes(theta, None, slopes.scores), converged)
+
+    def _best_of(self, tried: FloatArray) -> tuple[FloatArray, tuple[Score, ...], float]:
+        """The best of some points (K, p), its scores and its height; no other scores are kept."""
+        best: tuple[FloatArray, tuple[Score, ...], float] = (tried[0], (), -np.inf)
+        at_once = max(self._room, 1)
+        for first in range(0, len(tried), at_once):
+            self._ahead = {}
+            some = tried[first : first + at_once]
+            for there, scores in zip(some, self._many(some), strict=True):
+                value = self._objective(scores, there)
+                best = (there, scores, value) if value > best[2] else best
+        self._ahead = {}
+        return best
+
+    def _steps_along(self, slopes: Slopes, theta: FloatArray) -> list[FloatArray]:
+        """Steps in the directions of little curvature alone, for several limits and lengths.
+
+        Across a ridge a gradient that is off by little, as one that leaves out how strays are
+        weighed, throws a whole step off it.
+        """
+        gradient, curvature = self._gradient(slopes, theta), self._information(slopes)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
+        lengths = (vectors.T @ (scale * gradient)) / np.maximum(values, FLAT * values[-1])
+        return [
+            share * scale * (vectors @ np.where(values < limit * values[-1], lengths, 0.0))
+            for limit in _LIMITS
+            for share in (1.0, 0.3)
+        ]
 
     def _fitted(self, theta: FloatArray, slopes: Slopes, converged: bool) -> Fit:
         per_episode = densities(slopes.scores)
@@ -292,10 +321,13 @@ def parabola(fitted: Fit) -> tuple[FloatArray, FloatArray]:
 
 
 def promised_nats(fitted: Fit) -> float:
-    """What a fit's slopes promise of the way to the top; 0 where there are none."""
+    """What a fit's slopes promise of the way to the top; 0 where there are none, or no numbers."""
     if not fitted.slopes.innovation:
         return 0.0
-    gradient, curvature = parabola(fitted)
+    with np.errstate(all="ignore"):  # of a state that has left its model
+        gradient, curvature = parabola(fitted)
+    if not (np.isfinite(gradient).all() and np.isfinite(curvature).all()):
+        return 0.0
     step = top_within(fitted.theta, gradient, curvature, *bounds_of(fitted.free)) - fitted.theta
     return float(gradient @ step - 0.5 * step @ curvature @ step)
 

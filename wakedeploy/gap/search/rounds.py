@@ -9,13 +9,12 @@ does not end the search: the next one is tried, and a pair with it.
 """
 
 import functools
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
 
-from wakedeploy.gap.evidence.fits import Fit, FloatArray, own_places
+from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, own_places
 from wakedeploy.gap.evidence.inference import settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress
@@ -182,10 +181,16 @@ def _best(
 
     def place(verdict: Verdict) -> tuple[bool, bool, int]:
         sizes = sizes_of(verdict.candidate.fit, verdict.candidate.name)
-        ends = any(verdict.candidate.fit.value(f.name) in (f.low, f.high) for f in sizes)
+        ends = any(_is_at_bound(verdict.candidate.fit, size) for size in sizes)
         return verdict.why != ACCEPTED, ends, len(sizes)
 
     return sorted(alike, key=place)
+
+
+def _is_at_bound(fitted: Fit, size: Free) -> bool:
+    """Whether a size went as far as it may, to the other end than that without the effect."""
+    ends = (end for end in (size.low, size.high) if end != size.neutral)
+    return fitted.value(size.name) in ends
 
 
 def _alike(
@@ -204,8 +209,8 @@ def _alike(
         is_by_less = all(_does_far_less(model, v.candidate) for v in alike)
         alike = [leader, *alike] if is_by_less else alike
     elif leader in alike and _answered(model, leader.candidate) <= RULES.hardly_anything:
-        held = (v for v in _held_against(model, found, leader, verdicts) if v not in alike)
-        alike += itertools.islice(held, max(RULES.most_in_class - len(alike), 0))
+        held = [v for v in _held_against(model, found, leader, verdicts) if v not in alike]
+        alike += held[: max(RULES.most_in_class - len(alike), 0)]
     names = [v.candidate.name for v in alike]
     return [
         v

@@ -100,7 +100,7 @@ def read_plain(path: Path, system: System) -> Recording:
                 f"{path}: column {name!r} has numbers beyond ±{_LARGEST:g}; mend the file."
             )
     steps = np.diff(time_s)
-    if not np.all(np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)):
+    if not np.all((steps > 0.0) & (np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps))):
         raise UnusableInput(
             f"{path}: time_s does not rise evenly; say by --columns how to resample it."
         )
