@@ -112,6 +112,25 @@ def test_the_log_and_the_run_itself_count_the_same_overruns() -> None:
     assert summary_of(made).tracking_rmse_m == pytest.approx(tally.rmse_m)
 
 
+def test_a_clock_that_jumps_is_told_with_its_place() -> None:
+    made = rows()
+    for row in made[200:]:
+        row["t_s"] += 3600.0
+    (note,) = summary_of(made).notes
+    assert "t_s jumps by 3600 s after tick 199 (6.21875 s, then 3606.25 s), so" in note
+    for row in made[300:]:
+        row["t_s"] += 20.0
+    (note,) = summarise(RunLog.from_rows(made)).notes
+    assert "after tick 199" in note
+    assert "the first of 2 jumps" in note
+
+
+def test_ticks_that_were_not_recorded_are_no_jump_of_the_clock() -> None:
+    made = rows()
+    del made[100:180]
+    assert summary_of(made).notes == ()
+
+
 def test_a_failsafe_is_told_with_its_time_and_the_fault_that_explains_the_others() -> None:
     made = ended_by("sensor_lost+late_prediction")
     told = summary_of(made)

@@ -12,6 +12,8 @@ from wakedeploy.core.runlog_columns import FLYING, MODES, STAGES
 
 FloatArray = npt.NDArray[np.float64]
 
+_JUMP_S = 1.0  # beyond what the ticks' numbers explain; a tick that began late is off by less
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -99,7 +101,7 @@ def summarise(log: RunLog) -> RunSummary:
         failsafe_cause=cause,
         range_missing=int(np.isnan(log["range_m"]).sum()),
         range_repeated=int((log["range_repeats"] > 0).sum()),
-        notes=_notes(log),
+        notes=_notes(log, period_s),
     )
 
 
@@ -129,13 +131,28 @@ def _failsafe(log: RunLog) -> tuple[float, str]:
     return float(log["t_s"][down[0]]), faults[0] if faults else ""
 
 
-def _notes(log: RunLog) -> tuple[str, ...]:
-    notes = []
+def _notes(log: RunLog, period_s: float) -> tuple[str, ...]:
+    notes = [*_time_jumps(log, period_s)]
     if "unfinished" in log.metadata:
         notes.append(log.metadata["unfinished"])
     if "ignored_columns" in log.metadata:
         notes.append(f"columns left out: {log.metadata['ignored_columns']}")
     return tuple(notes)
+
+
+def _time_jumps(log: RunLog, period_s: float) -> list[str]:
+    """A clause on the first step in time that the numbers of its ticks do not explain, if any."""
+    t_s, tick = log["t_s"], log["tick"]
+    beyond_s = np.diff(t_s) - np.maximum(np.diff(tick), 1.0) * period_s
+    jumps = np.flatnonzero(beyond_s > _JUMP_S)
+    if not len(jumps):
+        return []
+    at = jumps[0]
+    others = f", the first of {len(jumps)} jumps" if len(jumps) > 1 else ""
+    return [
+        f"t_s jumps by {beyond_s[at]:.6g} s after tick {tick[at]:.0f} ({t_s[at]:.6g} s, then "
+        f"{t_s[at + 1]:.6g} s){others}, so duration and rate do not count; mend t_s from there on"
+    ]
 
 
 def _spread(values: FloatArray) -> Spread:
