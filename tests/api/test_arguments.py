@@ -1,5 +1,6 @@
 """Arguments that no function can use: each is one sentence with the argument, before any work."""
 
+import errno
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -117,13 +118,42 @@ NO_PATHS: tuple[Callable[[object], object], ...] = (
 
 
 @pytest.mark.parametrize("call", NO_PATHS)
-@pytest.mark.parametrize("value", [3, b"here"])
+@pytest.mark.parametrize("value", [3, b"here", ""])
 def test_what_is_no_path_is_named(
     call: Callable[[object], object], value: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    refused(lambda: call(value), r"^\w+ is (3|b'here'): give a path, as text or as a Path\.$")
+    refused(lambda: call(value), r"^\w+ is (3|b'here'|''): give a path, as text or as a Path\.$")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_place_where_no_file_can_be_written_is_told_as_a_command_tells_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sets").mkdir()
+    (tmp_path / "gru.csv").write_text("t\n")
+    refused(lambda: RIG.write("sets"), r"^sets: Is a directory\.$")
+    refused(lambda: RIG.write("gru.csv/rig.toml"), r"^gru\.csv: File exists\.$")
+    given = {"arch": "agile-mlp", "epochs": 1, "pictures": False}
+    refused(lambda: wd.train(small_set(640), **given, out="gru.csv"), "Not a directory")
+    data = small_set(640)
+    runs = wd.train(data, **given)
+    refused(lambda: wd.export(runs, "sets", data=data), r"^sets: Is a directory\.$")
+    refused(lambda: wd.export(runs, data=data, c=""), "c is '': give a path")
+    assert not list((tmp_path / "sets").iterdir())
+
+
+def test_a_full_disk_is_the_librarys_own_error_and_a_broken_pipe_stays_one() -> None:
+    @in_python
+    def fail(error: OSError) -> None:
+        raise error
+
+    with pytest.raises(wd.WakedeployError, match=r"^a: No space left on device; free some space"):
+        fail(OSError(errno.ENOSPC, "No space left on device", "a"))
+    for kept in (BrokenPipeError(errno.EPIPE, "Broken pipe"), OSError("of another library")):
+        with pytest.raises(type(kept)):
+            fail(kept)
 
 
 def test_a_reference_to_fly_is_a_path_as_text_too(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import ParamSpec, TypeVar, get_args
 
-from wakedeploy.core.errors import UnusableInput, WakedeployError
+from wakedeploy.core.errors import UnusableInput, WakedeployError, own_errors
 from wakedeploy.core.names import near
 
 P = ParamSpec("P")
@@ -73,7 +73,8 @@ def words(name: str, given: str | Sequence[str]) -> tuple[str, ...]:
 def in_python(function: Callable[P, R]) -> Callable[P, R]:
     """Let a function's errors name its arguments, where no command has called it.
 
-    What it calls is shared with the command line, and names options: `--out` becomes `out`.
+    What it calls is shared with the command line, and names options: `--out` becomes `out`. A file
+    that cannot be used is told as a command tells it.
     """
     known, keywords = _names(function), _keywords(function)
 
@@ -82,11 +83,13 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
         for name in kwargs if keywords else ():
             if name not in keywords:
                 raise TypeError(_unexpected(function.__name__, name, keywords))
-        try:
+        if _in_command():
             return function(*args, **kwargs)
+        try:
+            with own_errors():
+                return function(*args, **kwargs)
         except WakedeployError as error:
-            if not _in_command():
-                error.args = (_reworded(str(error), known), *error.args[1:])
+            error.args = (_reworded(str(error), known), *error.args[1:])
             raise
 
     return named

@@ -185,7 +185,7 @@ def load(path: PathLike) -> Predictor:
 
 def require_path(package: object) -> None:
     """UnusableInput for what names no file, as a run that was trained and not exported."""
-    if not isinstance(package, str | os.PathLike):
+    if not isinstance(package, str | os.PathLike) or not os.fspath(package):
         raise UnusableInput(
             f"{package!r:.80} is no path of a package; wd.export makes one of a trained run."
         )
@@ -244,7 +244,7 @@ def export(
     from export.packaging import export_run
     from trainers.trained_run import episodes_of
 
-    wish = None if c is None else wish_of(Path(c), as_c)
+    wish = None if c is None else wish_of(path_from(c, "c"), as_c)
     trained = _one_run(run)
     path = path_of(out, "out") or Path(f"{trained.config.arch}.onnx")
     episodes = episodes_of(trained) if data is None else episode_set(data)
@@ -274,7 +274,7 @@ def _package_as_c(
         raise UnusableInput("A package is exported already; give c=FOLDER for C of it, and no out.")
     if not isinstance(package, Package):
         raise UnusableInput(f"{package.path}: is C already; give its package or its run.")
-    wish, episodes = wish_of(Path(c), as_c), None if data is None else episode_set(data)
+    wish, episodes = wish_of(path_from(c, "c"), as_c), None if data is None else episode_set(data)
     steps = _writing_c(progress)
     return _predictor_of_c(c_of_package(package, Path(c), wish, episodes, steps))
 

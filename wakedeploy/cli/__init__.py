@@ -17,7 +17,13 @@ import click
 import wakedeploy
 from wakedeploy.cli import shells
 from wakedeploy.cli.groups import Group, answered
-from wakedeploy.core.errors import WakedeployError, installs, is_full, one_line, relief
+from wakedeploy.core.errors import (
+    WakedeployError,
+    installs,
+    is_unusable,
+    one_line,
+    system_sentence,
+)
 from wakedeploy.core.interruption import interruptible, was_interrupted
 
 COMMANDS = (
@@ -44,13 +50,6 @@ COMMANDS = (
 TRAIN_LIBRARIES = {"torch", "onnx", "onnxscript", "optuna", "numba", "safetensors"}
 _AUTO = "auto"
 shells.register()
-_UNUSABLE = (
-    FileNotFoundError,
-    FileExistsError,
-    NotADirectoryError,
-    IsADirectoryError,
-    PermissionError,
-)
 
 
 class _Commands(Group):
@@ -120,7 +119,7 @@ class _Told(click.ClickException):
 
     def __init__(self, error: Exception) -> None:
         super().__init__(_sentence(error))
-        unusable = isinstance(error, _UNUSABLE) or _missing_library(error)
+        unusable = is_unusable(error) or _missing_library(error)
         status = error.exit_status if isinstance(error, WakedeployError) else None
         self.exit_code = status or (2 if unusable else 1)  # type: ignore[misc]
 
@@ -134,9 +133,7 @@ def _sentence(error: Exception) -> str:
     if library:
         return f"{library} is not installed; install wakedeploy again: {installs('')}."
     if isinstance(error, OSError) and error.strerror:
-        nowhere = "a file or the standard output" if is_full(error) else ""
-        problem = f"{error.strerror}{relief(error)}."
-        return ": ".join(filter(None, (str(error.filename or nowhere), problem)))
+        return system_sentence(error)
     kind = type(error).__name__
     return f"unexpected {kind}: {one_line(error)}; `wakedeploy --debug …` shows where it happened."
 

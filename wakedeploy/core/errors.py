@@ -1,10 +1,19 @@
 """The two kinds of failure a user meets: input that cannot be used, and a check that failed."""
 
+import contextlib
 import errno
 import sys
+from collections.abc import Iterator
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
+_UNUSABLE = (
+    FileNotFoundError,
+    FileExistsError,
+    NotADirectoryError,
+    IsADirectoryError,
+    PermissionError,
+)
 _HEAD, _TAIL = 600, 250  # letters of a sentence that is too long: where, and what to do
 
 
@@ -59,6 +68,33 @@ def relief(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno in _DENIED:
         return "; name another place, or change who may use this one"
     return ""
+
+
+def is_unusable(error: BaseException) -> bool:
+    """Whether a place that was given is not as it has to be, such as a folder for a file."""
+    return isinstance(error, _UNUSABLE)
+
+
+def system_sentence(error: OSError) -> str:
+    """What the operating system refused as one sentence: where, what, and what to do if known."""
+    nowhere = "a file or the standard output" if is_full(error) else ""
+    problem = f"{error.strerror}{relief(error)}."
+    return ": ".join(filter(None, (str(error.filename or nowhere), problem)))
+
+
+@contextlib.contextmanager
+def own_errors() -> Iterator[None]:
+    """What the operating system refuses in the block is raised as the library's own error.
+
+    A pipe that nobody reads is no matter of a place, and stays what it is.
+    """
+    try:
+        yield
+    except OSError as error:
+        if not error.strerror or error.errno == errno.EPIPE:
+            raise
+        kind = UnusableInput if is_unusable(error) else WakedeployError
+        raise kind(system_sentence(error)) from error
 
 
 def why(error: BaseException) -> str:

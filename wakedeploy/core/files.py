@@ -28,11 +28,13 @@ MOST_TEXT_BYTES = 64 << 20
 def path_from(given: object, name: str) -> Path:
     """The path that an argument of this name gives; UnusableInput for what is none, such as a list.
 
-    Text and what stands for it are paths, as everywhere in Python; bytes are not.
+    Text and what stands for it are paths, as everywhere in Python; bytes are not, nor is an empty
+    text, which would be the current folder.
     """
-    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str):
+    text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
+    if not isinstance(text, str) or not text:
         raise UnusableInput(f"{name} is {given!r:.60}: give a path, as text or as a Path.")
-    return Path(given)
+    return Path(text)
 
 
 def absent(path: Path, accepted: str) -> str:

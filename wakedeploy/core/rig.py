@@ -14,7 +14,7 @@ import pydantic
 import tomli_w
 from pydantic import Field
 
-from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput, own_errors
 from wakedeploy.core.expression import expression_of
 from wakedeploy.core.files import path_from, sha256_of, write_text_whole
 from wakedeploy.core.rig_sections import (
@@ -190,8 +190,12 @@ class Rig(Section):
         return rig_from_tables(raw, f"rig without [{section}]")
 
     def write(self, path: Path | str) -> None:
-        """Write the rig as TOML; a killed process leaves the old file."""
-        write_text_whole(path_from(path, "path"), self.text)
+        """Write the rig as TOML; a killed process leaves the old file.
+
+        UnusableInput where no file can be written at `path`.
+        """
+        with own_errors():
+            write_text_whole(path_from(path, "path"), self.text)
 
     def _as_toml(self) -> dict[str, Any]:
         raw: dict[str, Any] = self.model_dump(mode="json", by_alias=True, exclude_none=True)
