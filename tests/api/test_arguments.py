@@ -176,6 +176,34 @@ def test_what_is_of_another_kind_is_named(folder: Path) -> None:
     refused(lambda: wd.with_effect(RIG, "ground-effect", gain="a", height_m=0.2), "gain is 'a'")
 
 
+SWITCHES = ("wall_clock", "firmware", "wake_off", "watch_gap", "allow_lead_mismatch", "realtime")
+
+
+def test_what_is_no_switch_no_text_and_cannot_be_called_is_named(tmp_path: Path) -> None:
+    for name in (*SWITCHES, "record"):
+        refused(lambda n=name: wd.fly(**{n: "no"}), rf"^{name} is 'no': give True or False\.$")
+        refused(lambda n=name: wd.fly(**{n: 3}), rf"^{name} is 3: give True or False\.$")
+    refused(lambda: wd.fly(record=None), "^record is None: give True or False")
+    for name in ("progress", "tell", "warn"):
+        refused(lambda n=name: wd.fly(**{n: 3}), rf"^{name} is 3: give a function to call\.$")
+    refused(lambda: wd.fly(progress=None), "^progress is None")
+    refused(lambda: wd.fly(port=3), r"^port is 3: give text\.$")
+    refused(lambda: wd.fly(hooks=3), r"^hooks is 3: give text\.$")
+    refused(lambda: wd.fly(live=3), r"^live is 3: give what wakedeploy\.live makes, or None\.$")
+    refused(lambda: wd.fly(plant_seed="a"), "^plant_seed is 'a': give a whole number from 0 on")
+    given = {"arch": "agile-mlp", "epochs": 1, "out": tmp_path / "runs"}
+    refused(
+        lambda: wd.train(small_set(), **given, fresh="no"), "^fresh is 'no': give True or False"
+    )
+    refused(lambda: wd.train(small_set(), **given, progress=3), "^progress is 3: give a function")
+    assert not (tmp_path / "runs").exists()
+
+
+def test_switches_may_be_numpys(tmp_path: Path) -> None:
+    flown = wd.fly(seconds=1.0, record=np.bool_(False), warn=None, realtime=None, hooks=None)
+    assert flown.ended == "whole"
+
+
 def test_a_keyword_that_is_not_there_is_never_ignored(tmp_path: Path) -> None:
     for call, told in (
         (lambda: wd.fly(second=6.0), r"^fly\(\) got .* 'second'; did you mean seconds\?$"),

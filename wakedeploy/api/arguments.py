@@ -9,7 +9,9 @@ import numbers
 import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import ParamSpec, TypeVar, get_args
+from typing import Any, ParamSpec, TypeVar, get_args
+
+import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, WakedeployError, own_errors
 from wakedeploy.core.names import near
@@ -20,6 +22,9 @@ R = TypeVar("R")
 # Bounds that the options of the commands have, too.
 MOST_SEEDS, MOST_TRIALS, MOST_PROCESSES = 1000, 1_000_000, 256
 LEAST_MINUTES, MOST_MINUTES = 0.1, 10_000.0  # of a simulation
+
+# Called while work goes on, from threads, too: what cannot be called is to be known before.
+_CALLED = ("progress", "tell", "warn")
 
 # Options whose argument is called otherwise; all others are called alike.
 _ARGUMENTS = {
@@ -74,9 +79,10 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
     """Let a function's errors name its arguments, where no command has called it.
 
     What it calls is shared with the command line, and names options: `--out` becomes `out`. A file
-    that cannot be used is told as a command tells it.
+    that cannot be used is told as a command tells it. Keywords that are on or off, text or called
+    are of that kind.
     """
-    known, keywords = _names(function), _keywords(function)
+    known, keywords, kinds = _names(function), _keywords(function), _kinds(function)
 
     @functools.wraps(function)
     def named(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -86,6 +92,8 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
         if _in_command():
             return function(*args, **kwargs)
         try:
+            for name in kwargs:
+                _require_kind(name, kwargs[name], kinds.get(name))
             with own_errors():
                 return function(*args, **kwargs)
         except WakedeployError as error:
@@ -93,6 +101,28 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
             raise
 
     return named
+
+
+def _kinds(function: Callable[..., object]) -> dict[str, Any]:
+    """What each argument is annotated with, as far as Python knows it without other modules."""
+    kinds: dict[str, Any] = {}
+    for name, parameter in inspect.signature(function).parameters.items():
+        kinds[name] = parameter.annotation
+        for held in get_args(parameter.annotation):
+            kinds |= getattr(held, "__annotations__", {})
+    return kinds
+
+
+def _require_kind(name: str, value: object, kind: Any) -> None:
+    """UnusableInput for a value that is no switch, no text or cannot be called where it has to."""
+    if value is None and "None" in str(kind):
+        return
+    if kind in (bool, bool | None) and not isinstance(value, bool | np.bool_):
+        raise UnusableInput(f"{name} is {value!r:.60}: give True or False.")
+    if kind == str | None and not isinstance(value, str):
+        raise UnusableInput(f"{name} is {value!r:.60}: give text.")
+    if name in _CALLED and not callable(value):
+        raise UnusableInput(f"{name} is {value!r:.60}: give a function to call.")
 
 
 def _names(function: Callable[..., object]) -> set[str]:

@@ -364,6 +364,8 @@ def fly(
     if flights is not None:
         flights = whole("flights", flights, 1, MOST_FLIGHTS)
     workers = whole("workers", workers, 1, MOST_PROCESSES)
+    if live is not None and not callable(getattr(live, "stop_asked", None)):
+        raise UnusableInput(f"live is {live!r:.60}: give what wakedeploy.live makes, or None.")
     request = request_of(package, rig, seconds, seed, log, **place)
     with tempfile.TemporaryDirectory() as temporary:
         kept = request.log is None and record
@@ -387,6 +389,8 @@ def request_of(
     from wakedeploy.core.rig import Rig
 
     _require_plan(seconds, seed)
+    if (chance := place.get("plant_seed")) is not None:
+        _require_seed("plant_seed", chance)
     others: dict[str, Any] = dict(place)
     path = _package_path(package)
     if _flies_c(others.pop("backend", None), path):
@@ -411,8 +415,12 @@ def request_of(
 def _require_plan(seconds: object, seed: object) -> None:
     """UnusableInput for a random plan that no gantry flies."""
     real("seconds", seconds, SHORTEST_S, LONGEST_S)
-    if not isinstance(seed, numbers.Integral) or isinstance(seed, bool) or seed < 0:
-        raise UnusableInput(f"seed is {seed!r}: give a whole number from 0 on.")
+    _require_seed("seed", seed)
+
+
+def _require_seed(name: str, seed: object) -> None:
+    if not isinstance(seed, numbers.Integral) or isinstance(seed, bool) or int(seed) < 0:
+        raise UnusableInput(f"{name} is {seed!r:.60}: give a whole number from 0 on.")
 
 
 def _package_path(package: "Predictor | PathLike | None") -> Path | None:
