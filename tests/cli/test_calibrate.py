@@ -119,6 +119,20 @@ def test_the_log_of_a_refused_calibration_at_a_port_is_kept_and_named(files) -> 
     assert rig.read_text() == RIG_TEXT
 
 
+def test_without_a_terminal_it_is_said_what_the_question_needs(files) -> None:
+    rig, _ = files
+    where = ("--rig", rig, "--port", os.devnull)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(calibrate_options.Request, "site", lambda *_: contextlib.nullcontext())
+        result = calibrated("zero", *where)
+    assert result.exit_code == 2
+    assert "Aborted" not in result.output
+    assert result.output.splitlines()[-1] == (
+        "Error: Nobody answers here, as the standard input has ended; give the command at a "
+        "terminal, or a recording by --log."
+    )
+
+
 def test_every_attempt_has_a_folder_of_its_own_and_one_without_a_log_leaves_none(files) -> None:
     rig, _ = files
     first = calibrate_options._log_folder(rig, "zero")

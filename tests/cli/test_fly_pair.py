@@ -11,7 +11,8 @@ from click.testing import CliRunner
 from growing import written_so_far
 
 from runtime.virtual.process import VirtualGantryProcess
-from wakedeploy.cli import main
+from wakedeploy.cli import fly_pair, main
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.runlog import read_run_log
 from wakedeploy.rig.file import default_rig
 
@@ -92,6 +93,11 @@ def test_at_a_port_the_operator_is_asked_between_the_flights(here):
         assert "unfinished" not in recorded.metadata
         assert "plant_seed" not in recorded.metadata
         assert recorded["mode"][-1] != "FAILSAFE"
+
+
+def test_without_a_terminal_it_is_said_what_the_question_needs():
+    with CliRunner().isolation(), pytest.raises(UnusableInput, match="or --yes where the rig"):
+        fly_pair._ask("Is the rig clear?")
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from wakedeploy.cli.calibrate_options import Request, shared_options
 from wakedeploy.cli.flight_options import curve_option, require_curve
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.numbers import Within
+from wakedeploy.cli.output import answered_by_hand
 
 
 @click.group(cls=Group)
@@ -179,7 +180,8 @@ def steps(
         true_m = procedure.steps_out(log) / request.true_rig(rig).stepper.steps_per_m
         measured_m = round(true_m, 3)
     elif measured_m is None:
-        measured_m = float(click.prompt("Measured distance [m]", type=Within(), err=True))
+        with answered_by_hand("give the distance by --measured-m"):
+            measured_m = float(click.prompt("Measured distance [m]", type=Within(), err=True))
     request.finish(rig, procedure.estimate(log, measured_m, rig))
 
 

@@ -22,7 +22,7 @@ from wakedeploy.cli.flight_options import (
     warn,
     with_options,
 )
-from wakedeploy.cli.output import Written, print_table, write_json
+from wakedeploy.cli.output import Written, answered_by_hand, print_table, write_json
 from wakedeploy.core.errors import UnusableInput, WakedeployError
 
 if TYPE_CHECKING:
@@ -200,11 +200,13 @@ class Request:
     def ask(self, what: str) -> None:
         """Tell the operator what to do and wait until it is done; nobody stands at a virtual rig.
 
-        Without a terminal to answer at, Enter cannot be pressed and the command is aborted.
+        UnusableInput where nobody can press Enter, as without a terminal.
         """
         if self.by_hand:
             click.echo(what, err=True)
-            click.prompt("Press Enter when it is done", default="", show_default=False, err=True)
+            with answered_by_hand("give the command at a terminal, or a recording by --log"):
+                done = "Press Enter when it is done"
+                click.prompt(done, default="", show_default=False, err=True)
 
     def finish(self, rig: "Rig", outcome: "Outcome") -> None:
         """Write the constants, then print what they were and are."""

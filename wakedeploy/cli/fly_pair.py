@@ -13,7 +13,7 @@ from wakedeploy.cli.flight_options import (
     shown_progress,
     warn,
 )
-from wakedeploy.cli.output import Written, print_table, write_json
+from wakedeploy.cli.output import Written, answered_by_hand, print_table, write_json
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -82,7 +82,8 @@ def command(
 
 def _ask(question: str) -> bool:
     try:
-        return click.confirm(question, default=False, err=True)
+        with answered_by_hand("give the command at a terminal, or --yes where the rig stays clear"):
+            return click.confirm(question, default=False, err=True)
     except click.Abort:
         click.echo(err=True)
         raise KeyboardInterrupt from None

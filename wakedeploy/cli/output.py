@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from wakedeploy.cli.log_lines import LogLines, ticking
-from wakedeploy.core.errors import printable, why
+from wakedeploy.core.errors import UnusableInput, printable, why
 
 
 class Written(click.Path):
@@ -139,6 +139,23 @@ def stage_bars() -> Iterator[StageBars]:
     """Bars on stderr for the stages of the block's work, as `progress` shows one."""
     with contextlib.ExitStack() as shown:
         yield StageBars(shown)
+
+
+@contextlib.contextmanager
+def answered_by_hand(otherwise: str) -> Iterator[None]:
+    """What the block asks is answered at a terminal; UnusableInput where the input has ended.
+
+    `otherwise` says what to do without one. Ctrl-C is what it is elsewhere.
+    """
+    try:
+        yield
+    except click.Abort as error:
+        if isinstance(error.__context__, EOFError):
+            click.echo(err=True)  # the question's line has not ended
+            raise UnusableInput(
+                f"Nobody answers here, as the standard input has ended; {otherwise}."
+            ) from error
+        raise
 
 
 def warn(sentence: str) -> None:
