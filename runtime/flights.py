@@ -14,7 +14,7 @@ import numpy as np
 from runtime.loop.tally import Tally
 from runtime.request import RunRequest, wanted
 from runtime.run import fly
-from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput, is_full, why
 from wakedeploy.core.parallel import parallel_map
 
 PID, FEEDFORWARD = "pid", "feedforward"
@@ -114,11 +114,32 @@ def _folder(log: Path | None) -> Path | None:
     return log
 
 
+def _of_several(error: UnusableInput, log: Path | None) -> UnusableInput:
+    """What keeps one of several flights from being recorded, told of the folder of them all.
+
+    On a full disk that is a later one than the first that was cut, which is still in the air.
+    """
+    from runtime.io.recorder import Taken  # with MCAP and its compressors
+
+    if log is None:
+        return error
+    if isinstance(error, Taken):
+        return UnusableInput(f"{log}: there is already a recording; name another folder for --log.")
+    if error.__cause__ is not None and is_full(error.__cause__):
+        return UnusableInput(
+            f"{log.parent}: the logs of these flights have no room ({why(error.__cause__)}); free "
+            "some space there, then name another folder for --log, as this one keeps what it has."
+        )
+    return error
+
+
 def _flown(job: tuple[str, RunRequest]) -> Flight:
     controller, request = job
     tallies: list[Tally] = []
     try:
         fly(request, tell=tallies.append)
+    except UnusableInput as error:
+        raise _of_several(error, request.log) from error
     except CheckFailed:
         if not tallies or not tallies[0].ended.startswith("failsafe"):
             raise  # not a flight's end: a recording that is not whole, a hook that fails

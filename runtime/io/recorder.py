@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from runtime.io.realtime import yield_to_the_loop
-from wakedeploy.core.errors import UnusableInput, is_full, why
+from wakedeploy.core.errors import UnusableInput, is_full, relief, why
 from wakedeploy.core.files import begun
 from wakedeploy.core.runlog_columns import Value
 from wakedeploy.core.runlog_mcap import RunLogWriter, read_mcap
@@ -188,6 +188,7 @@ def _started(path: Path, metadata: Mapping[str, str]) -> RunLogWriter:
             f"{path}: {path.parent} is no folder; name a file in one for --log."
         ) from error
     except OSError as error:
+        helps = relief(error) if is_full(error) else "; name another file for --log"
         raise UnusableInput(
-            f"{path}: no run log can be written there ({why(error)}); name another file for --log."
+            f"{path}: no run log can be written there ({why(error)}){helps}."
         ) from error

@@ -108,6 +108,25 @@ def test_a_flight_whose_disk_is_full_is_brought_down_and_readable_up_to_there(in
     assert run(*fly).exit_code == 0
 
 
+def test_several_flights_without_room_are_told_of_their_folder(inputs, monkeypatch):
+    monkeypatch.chdir(inputs)
+    fly = ("run-gantry", "--virtual", "--baseline", "--seconds", 6)
+    several = (*fly, "--flights", 3, "--log", "tf/fl")
+    monkeypatch.setattr(sys.modules[__name__], "BYTES", 200)
+    with small_disk():
+        done, alone = run(*several), run(*fly, "--log", "a.mcap")
+    assert (done.exit_code, alone.exit_code) == (2, 2), done.output
+    assert done.stderr.splitlines()[-1] == (
+        "Error: tf/fl: the logs of these flights have no room (File too large); free some space "
+        "there, then name another folder for --log, as this one keeps what it has."
+    )
+    assert "a.mcap: no run log can be written there (File too large); free some" in alone.stderr
+    assert run(*several).exit_code == 0
+    again = run(*several)
+    assert again.exit_code == 2
+    assert ".mcap: there is already a recording; name another folder for --log." in again.stderr
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["train", "--help"], ["rig", "show"]])
 def test_an_output_that_cannot_be_written_is_one_sentence(arguments):
     if not Path("/dev/full").is_char_device():
