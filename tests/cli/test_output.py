@@ -4,6 +4,7 @@ import json
 import tempfile
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from every_command import EVERY
@@ -43,6 +44,20 @@ def test_numpy_and_missing_numbers_are_written(tmp_path: Path) -> None:
     write_json(tmp_path / "x.json", result)
     written = json.loads((tmp_path / "x.json").read_text())
     assert written == {"a": 0.5, "b": [0, 1, 2], "c": None, "d": [None, 1]}
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("lat.txt", "as lat.html."), ("lat", "as lat.html."), ("page.HTML", ""), (".html", "")],
+)
+def test_a_page_has_the_name_of_one(name: str, told: str) -> None:
+    (report,) = [p for p in EVERY["bench", "latency"].params if "--report" in p.opts]
+    if not told:
+        assert report.type.convert(name, report, None) == Path(name)
+        return
+    with pytest.raises(click.BadParameter, match=r"give a name that ends in \.html, as") as refused:
+        report.type.convert(name, report, None)
+    assert refused.value.message.endswith(told)
 
 
 @pytest.mark.parametrize("named", ["--json", "--report", "--write-reference", "--write-input"])

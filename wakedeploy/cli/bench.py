@@ -35,7 +35,9 @@ def command() -> None:
               help="SCHED_FIFO, locked memory, one core. Default: where permitted.")  # fmt: skip
 @click.option("--busy", is_flag=True, help="Keep the other cores at work meanwhile.")
 @click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
-@click.option("--report", type=Written(), help="Also write the result as a page (FILE.html).")
+@click.option(
+    "--report", type=Written(".html"), help="Also write the result as a page (FILE.html)."
+)
 @json_option
 def latency(
     files: Sequence[Path],

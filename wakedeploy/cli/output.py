@@ -14,10 +14,14 @@ from wakedeploy.core.errors import UnusableInput, printable, why
 
 
 class Written(click.Path):
-    """A file that a command writes at its end; a place where none can be is refused at once."""
+    """A file that a command writes at its end; a place where none can be is refused at once.
 
-    def __init__(self) -> None:
+    So is a name that does not end in `ending`, where all files are of one kind.
+    """
+
+    def __init__(self, ending: str = "") -> None:
         super().__init__(dir_okay=False, path_type=Path)
+        self._ending = ending
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path; minutes of fitting should not end at a folder that nobody may write to."""
@@ -26,6 +30,11 @@ class Written(click.Path):
         try:
             if path.exists() and not path.is_file():  # a device or a pipe
                 return path
+            if not path.name.lower().endswith(self._ending):
+                name = f"{path.stem or path.name}{self._ending}"
+                self.fail(
+                    f"{path}: give a name that ends in {self._ending}, as {name}.", param, ctx
+                )
             folder = next(above for above in path.absolute().parents if above.exists())
             with tempfile.TemporaryFile(dir=folder):
                 pass
