@@ -167,11 +167,17 @@ def _no_command(error: click.NoSuchCommand, ctx: click.Context) -> click.UsageEr
         meant_here = [MEANT_COMMANDS[given]]
     root = ctx.find_root()
     found = meant_here or [path for path in _paths(root) if meant(given, [path.split()[-1]])]
+    has = "" if meant_here or ctx.parent is None else f" {_has(ctx, group)}"
     if not found:
-        return error
+        return click.UsageError(f"No such command '{given}'.{has}", ctx) if has else error
     called = str(ctx.command_path if meant_here else root.info_name)
     choices = " or ".join(f"'{called} {name}'" for name in found)
-    return click.UsageError(f"No such command '{given}'. Did you mean {choices}?", ctx)
+    return click.UsageError(f"No such command '{given}'. Did you mean {choices}?{has}", ctx)
+
+
+def _has(ctx: click.Context, group: click.Group) -> str:
+    """What there is in a group, for who looks for something there that is elsewhere or nowhere."""
+    return f"'{ctx.command_path}' has {', '.join(group.list_commands(ctx))}."
 
 
 def _paths(ctx: click.Context) -> Iterator[str]:
