@@ -159,7 +159,8 @@ def _table(path: Path) -> FloatArray:
         )
     rows = np.array([_row(line, f"{path}, line {n}") for n, line in lines[1:]])
     if len(rows) < 2:
-        raise UnusableInput(f"{path}: holds {len(rows)} rows; a reference needs at least two.")
+        held = "a single row" if len(rows) else "no rows"
+        raise UnusableInput(f"{path}: holds {held}; a reference needs at least two.")
     table = rows[:, [names.index(column) for column in COLUMNS]]
     _require_order(table[:, 0], [n for n, _ in lines[1:]], path)
     return np.asarray(table)

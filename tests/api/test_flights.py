@@ -134,6 +134,17 @@ def test_what_was_not_recorded_has_its_error_alone(flight: wd.Flight) -> None:
         several[1]
 
 
+def test_of_what_was_not_recorded_nothing_is_drawn() -> None:
+    bare = wd.fly(seconds=1, record=False)
+    with pytest.raises(wd.UnusableInput, match="nothing to draw; fly it again with record=True"):
+        bare.plot()
+    assert bare._repr_png_() is None
+
+
+def test_one_is_not_several() -> None:
+    assert repr(wd.fly(seconds=1, flights=1, workers=1, record=False)).startswith("<1 Flight, PID")
+
+
 def test_a_plant_of_another_mass_is_another_flight(flight: wd.Flight) -> None:
     heavier = wd.default_rig().changed(sufferer={"mass_kg": 0.5})
     assert wd.fly(seconds=6, seed=4, plant_rig=heavier).rmse_mm != flight.rmse_mm

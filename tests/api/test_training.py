@@ -190,6 +190,8 @@ def test_scores_show_themselves(runs: wd.Runs) -> None:
     assert "<td>gru</td>" in runs._repr_html_()
     assert "<td>zero</td>" in runs._repr_html_()
     assert "test RMSE f_n" in repr(runs["gru"])
+    one = dataclasses.replace(runs.scores, rows=runs.scores.rows[:1])
+    assert repr(one).startswith("<Scores of 1 run on test episodes")
     pytest.importorskip("pandas", reason="the extra notebook is not installed")
     assert list(runs.to_pandas()["arch"]) == ["history-mlp", "gru"]
 

@@ -83,7 +83,7 @@ def spoilt(column, value, where=slice(100, 104)):
         (spoilt(1, 0.2, slice(0, 3)), "must begin at rest"),
         (spoilt(1, 0.2, slice(-3, None)), "must end at rest"),
         (spoilt(3, 1300.0, -1), "source_us ends at 1300 instead of 1000"),
-        ([c[:1] for c in table()], "at least two"),
+        ([c[:1] for c in table()], "holds a single row; a reference needs at least two"),
         ([c[:5] for c in table()], "lasts 0.125 s"),
     ],
 )

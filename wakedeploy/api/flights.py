@@ -20,6 +20,7 @@ from wakedeploy.core.names import unknown
 from wakedeploy.core.run_summary import RunSummary, summarise
 from wakedeploy.core.runlog import Array, RunLog, read_run_log
 from wakedeploy.gap.progress import Progress, quiet
+from wakedeploy.gap.wording import counted
 
 if TYPE_CHECKING:
     import pandas
@@ -127,8 +128,14 @@ class Flight:
     def plot(self) -> "Figure":
         """A matplotlib figure: height [m], its error [mm], force [N], commands [µs], timing [ms].
 
-        A notebook shows it. `figure.savefig(path)` keeps it.
+        A notebook shows it. `figure.savefig(path)` keeps it. UnusableInput for a flight that was
+        not recorded.
         """
+        if self._is_unrecorded:
+            raise UnusableInput(
+                "Nothing of this flight was recorded, so there is nothing to draw; fly it again "
+                "with record=True, or with log=FILE."
+            )
         from wakedeploy.core.run_figure import draw_run
 
         title = "Flight" if self.path is None else self.path.name
@@ -140,13 +147,19 @@ class Flight:
         flying_s, cut = self.summary.flying_s, "unfinished" in self.log.metadata
         has_flown = flying_s > 0.0 or not math.isnan(self.unrecorded_rmse_m)
         error = f", RMSE {self.rmse_mm:.1f} mm" if has_flown else ""
-        if not len(self) and has_flown:
+        if self._is_unrecorded and has_flown:
             return f"<Flight: not recorded{error}{ended}>"
         flight = f"{len(self)} ticks, {flying_s:.1f} s under control{error}{ended}"
         return f"<Flight{name}: {flight}{', cut off' if cut else ''}>"
 
-    def _repr_png_(self) -> bytes:
-        return figures.png_of(self.plot())
+    @property
+    def _is_unrecorded(self) -> bool:
+        """Whether there never was a log; one without ticks lies in a file."""
+        return not len(self) and self.path is None
+
+    def _repr_png_(self) -> bytes | None:
+        """The picture for a notebook, which shows the text alone where there is none."""
+        return None if self._is_unrecorded else figures.png_of(self.plot())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,7 +282,7 @@ class Flights(Sequence[Flight]):
         return f"RMSE {self.rmse_mm:.1f}{error} mm"
 
     def __repr__(self) -> str:
-        text = f"<{len(self)} Flights, {self._controller}: {self._rmse_text}"
+        text = f"<{counted(len(self), 'Flight')}, {self._controller}: {self._rmse_text}"
         other = "" if self.baseline is None else f"; PID alone {self.baseline.rmse_mm:.1f} mm"
         early = len(self.ended_early)
         return f"{text}{other}{f'; {early} ended early' if early else ''}>"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from wakedeploy.api.display import data_frame, html_table
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import Quantity
+from wakedeploy.gap.wording import counted
 
 if TYPE_CHECKING:
     import pandas
@@ -123,7 +124,7 @@ class Scores:
         scores = [f"{r.arch} s{r.seed} {r.rmse[channel.name]:.4g}" for r in self.rows[:8]]
         more = f", and {len(self) - 8} more" if len(self) > 8 else ""
         errors = f"RMSE {channel.name} [{channel.unit}]: {', '.join(scores)}{more}"
-        return f"<Scores of {len(self)} runs on {self.split} episodes; {errors}>"
+        return f"<Scores of {counted(len(self), 'run')} on {self.split} episodes; {errors}>"
 
     def to_pandas(self, rows: Shown = "runs") -> "pandas.DataFrame":
         """A table of the errors over all episodes, or in each.
