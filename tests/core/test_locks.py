@@ -3,12 +3,13 @@
 import multiprocessing
 import os
 import signal
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.locks import alone, one_at_a_time
+from wakedeploy.core.locks import alone, one_at_a_time, scratch_folder
 
 
 def _hold(folder: str, how: str, begun: object) -> None:
@@ -53,3 +54,37 @@ def test_a_lock_without_a_trace_lets_one_in_at_a_time(tmp_path):
         one.join()
     assert [one.exitcode for one in several] == [0] * 4
     assert list(tmp_path.iterdir()) == []
+
+
+def _scratch(place: str, begun: object) -> None:
+    tempfile.tempdir = place
+    with scratch_folder("wakedeploy-test-") as folder:
+        (folder / "toy").mkdir()
+        os.utime(folder, (0, 0))
+        begun.set()
+        signal.pause()
+
+
+def test_a_scratch_folder_of_a_killed_process_goes_with_the_next(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    (tmp_path / "wakedeploy-test-link").symlink_to(tmp_path)
+    (tmp_path / "another").mkdir()
+    spawn = multiprocessing.get_context("spawn")
+    begun = spawn.Event()
+    holder = spawn.Process(target=_scratch, args=(str(tmp_path), begun))
+    holder.start()
+    assert begun.wait(60)
+    (held,) = [path for path in tmp_path.glob("wakedeploy-test-*") if not path.is_symlink()]
+    with scratch_folder("wakedeploy-test-") as own:
+        assert own.is_dir()
+        assert held.is_dir()
+    assert not own.exists()
+    holder.kill()
+    holder.join()
+    os.utime(held)  # as one that was made just now, and is not locked yet
+    with scratch_folder("wakedeploy-test-"):
+        assert held.is_dir()
+    os.utime(held, (0, 0))
+    with scratch_folder("wakedeploy-test-"):
+        assert not held.exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["another", "wakedeploy-test-link"]

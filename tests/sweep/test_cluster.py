@@ -5,6 +5,7 @@ import os
 import platform
 import signal
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -83,7 +84,8 @@ class Machines:
 
 
 def do_its_jobs(options: list[str]) -> None:
-    """As `dask worker` does."""
+    """As `dask worker` does; what it leaves when it is killed lies where all of it does."""
+    tempfile.tempdir = options[options.index("--local-directory") + 1]
     dask_worker.main(options)
 
 

@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -343,6 +344,21 @@ def test_what_a_failed_attempt_left_is_forgotten_by_the_next(
     assert "best.safetensors is damaged" in damaged["reason"]
     again = do(dataclasses.replace(job, fresh=True), runs=runs).row
     assert (again["state"], again["test"]) == ("done", row["test"])
+
+
+def test_what_a_killed_worker_of_a_cluster_left_goes_with_its_next_job(
+    jobs: list[TrainJob], make_small: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed = "from wakedeploy.sweep import jobs\nimport os\n"
+    killed += "with jobs._root(None, None) as root: os._exit(9)"
+    (tmp_path / "there").mkdir()
+    environment = os.environ | {"TMPDIR": str(tmp_path / "there")}
+    subprocess.run([sys.executable, "-c", killed], env=environment, check=False, timeout=120)
+    (left,) = (tmp_path / "there").iterdir()
+    os.utime(left, (0, 0))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "there"))
+    assert do(jobs[0], make_small()).row["state"] == "done"
+    assert list((tmp_path / "there").iterdir()) == []
 
 
 def test_a_set_that_changed_under_the_sweep_is_told(

@@ -3,10 +3,16 @@
 import contextlib
 import fcntl
 import os
+import shutil
+import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput
+
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+_JUST_MADE_S = 60.0  # a folder that is younger may be about to be locked
 
 
 @contextlib.contextmanager
@@ -51,6 +57,38 @@ def alone(folder: Path, who: str, what: str) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+@contextlib.contextmanager
+def scratch_folder(prefix: str) -> Iterator[Path]:
+    """A new folder among the system's temporary ones, gone with the block.
+
+    A process that is killed in the block leaves it there; it goes when another one begins.
+    """
+    _remove_left(Path(tempfile.gettempdir()), prefix)
+    with tempfile.TemporaryDirectory(prefix=prefix) as name:
+        descriptor = os.open(name, _FOLDER)
+        try:
+            with contextlib.suppress(OSError):  # where folders have no locks, none is removed
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+            yield Path(name)
+        finally:
+            os.close(descriptor)
+
+
+def _remove_left(place: Path, prefix: str) -> None:
+    """Remove our folders of that kind that nobody holds any more."""
+    for folder in place.glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):  # held, somebody else's, or gone meanwhile
+            descriptor = os.open(folder, _FOLDER)
+            try:
+                found = os.fstat(descriptor)
+                if found.st_uid != os.geteuid() or time.time() < found.st_mtime + _JUST_MADE_S:
+                    continue
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(descriptor)
 
 
 def _locked(path: Path, how: int = fcntl.LOCK_EX) -> int:

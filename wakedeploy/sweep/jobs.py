@@ -9,7 +9,6 @@ import functools
 import hashlib
 import json
 import platform
-import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,6 +33,7 @@ from wakedeploy.core.commit import present_commit
 from wakedeploy.core.episodes import EpisodeSet, read_episode_set
 from wakedeploy.core.errors import CheckFailed, UnusableInput, WakedeployError, is_full, one_line
 from wakedeploy.core.files import write_bytes_whole
+from wakedeploy.core.locks import scratch_folder
 from wakedeploy.sweep.generate import Generate, make
 from wakedeploy.sweep.plan import Choice
 
@@ -274,12 +274,15 @@ def _trained(job: TrainJob, data: EpisodeSet | None, runs: Path | None) -> Outco
 
 @contextlib.contextmanager
 def _root(job: TrainJob, runs: Path | None) -> Iterator[Path]:
-    """Where a run is trained: its place among `runs`, or a folder that is gone afterwards."""
+    """Where a run is trained: its place among `runs`, or a folder that is gone afterwards.
+
+    A cluster's worker that is killed leaves that folder, and the next job there removes it.
+    """
     if runs is not None:
         yield runs / job.label
         return
-    with tempfile.TemporaryDirectory(prefix="wakedeploy-sweep-") as folder:
-        yield Path(folder)
+    with scratch_folder("wakedeploy-sweep-job-") as folder:
+        yield folder
 
 
 @functools.lru_cache(maxsize=2)
