@@ -23,6 +23,18 @@ def test_a_table_in_a_pipe_is_never_cut(capsys: pytest.CaptureFixture[str]) -> N
     assert "[red]b[/red]" in printed
 
 
+def test_a_name_that_no_terminal_shows_shifts_and_steers_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A file's name heads a column; where the locale is C it may have bytes that are no letters."""
+    print_table("of \x1b[2J", ["", "fl\udcc3\udca4.mcap", "\x1b[2J.mcap"], [["Rate", "32", "32"]])
+    title, *lines = capsys.readouterr().out.splitlines()
+    assert title == r"of \x1b[2J"
+    assert len({len(line) for line in lines}) == 1
+    assert r" fl\udcc3\udca4.mcap " in lines[1]
+    assert r" \x1b[2J.mcap " in lines[1]
+
+
 @pytest.mark.whole
 @given(
     st.recursive(

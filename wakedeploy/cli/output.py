@@ -181,10 +181,12 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     console = Console()
     if not console.is_terminal:
         console = Console(width=_UNLIMITED_WIDTH)
-    console.print(Text(title, style="bold"))
+    console.print(Text(printable(title), style="bold"))
     table = Table(show_header=any(columns))
     for index, column in enumerate(columns):
-        table.add_column(Text(column), justify="left" if index == 0 else _side(rows, index))
+        table.add_column(
+            Text(printable(column)), justify="left" if index == 0 else _side(rows, index)
+        )
     for row in rows:
         table.add_row(*(Text(printable(cell)) for cell in row))
     console.print(table)
