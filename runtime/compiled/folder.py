@@ -113,13 +113,13 @@ class CFolder:
 
 
 # What a run's folder holds, as trainers.training.runs has it, which loads torch.
-OF_RUN = ("config.json", "best.safetensors")
+RUN_FILES = ("config.json", "best.safetensors")
 
 
 def read_c_folder(path: Path | str) -> CFolder:
     """Read and validate a folder; UnusableInput where files are missing, foreign or altered."""
     path = Path(path)
-    if all((path / name).is_file() for name in OF_RUN):
+    if all((path / name).is_file() for name in RUN_FILES):
         raise UnusableInput(
             f"{path}: is the folder of a run; make a package of it by `wakedeploy export --run"
             f" {shlex.quote(str(path))}`, and name that."

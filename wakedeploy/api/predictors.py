@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeGuard, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from runtime.compiled.folder import OF_RUN
+from runtime.compiled.folder import RUN_FILES
 from runtime.flyable import Flyable, Predicting, predictor_of, read_flyable
 from wakedeploy.api.arguments import in_python
 from wakedeploy.api.compiled import AsC, c_of_package, c_of_run, wish_of
@@ -193,7 +193,7 @@ def require_path(package: object) -> None:
 
 def _refuse_run(path: Path) -> None:
     """UnusableInput for the folder of a run, finished or not."""
-    if all((path / name).is_file() for name in OF_RUN):
+    if all((path / name).is_file() for name in RUN_FILES):
         raise UnusableInput(
             f"{path}: is the folder of a run; make a package of it by wd.export({str(path)!r}), or"
             " `wakedeploy export`, and load that."

@@ -171,6 +171,11 @@ def _with_unit(text: str, unit: str) -> str:
     return f"{text} {unit}" if unit else text
 
 
+def behind(unit: str) -> str:
+    """A unit as it stands behind a number; nothing for a pure number."""
+    return "" if unit in ("", "1") else f" {unit}"
+
+
 def minus(text: str) -> str:
     """A number's text with a minus sign in the place of a hyphen."""
     return text.replace("-", "−")

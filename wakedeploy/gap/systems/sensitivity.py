@@ -30,7 +30,7 @@ from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.system import Input, StateSpace
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
-from wakedeploy.gap.wording import counted, listed, minus
+from wakedeploy.gap.wording import behind, counted, listed, minus
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
 _AHEAD, _FINER, _PLACES = 10, 4, 1000  # samples on, steps for one, places that are tried
@@ -216,7 +216,7 @@ def hung_outputs(model: LogModel) -> list[str]:
             more = f" (and {counted(count - 1, 'other time')})" if count > 1 else ""
             notes.append(
                 f"output {shown.name} is exactly {minus(f'{values[begins[first]]:.9g}')}"
-                f"{_behind(shown.unit)} in {log.name} for {model.dt_s * lasts[first]:.3g} s, from "
+                f"{behind(shown.unit)} in {log.name} for {model.dt_s * lasts[first]:.3g} s, from "
                 f"{model.dt_s * known[begins[first]]:.4g} s after its start{more}, and changes "
                 "with each sample elsewhere, as if its sensor hung. To leave that out, write "
                 'absent = [the number that the log has there] and missing = "nan" into its column '
@@ -274,7 +274,7 @@ def step_notes(model: LogModel, base: Fit) -> list[str]:
         off = np.median(np.abs(fine - coarse), axis=1)  # an unstable state sends some far off
     return [
         f"{output.name}: the model's steps are too coarse; over {_AHEAD} samples they are off by "
-        f"{error:.2g}{_behind(output.unit)}, {ratio:.2g} times its noise. {_finer(model, ratio)}"
+        f"{error:.2g}{behind(output.unit)}, {ratio:.2g} times its noise. {_finer(model, ratio)}"
         for output, error in zip(model.system.outputs, off, strict=True)
         for noise in [float(np.exp(base.value(f"noise.{output.name}")))]
         for ratio in [float(error / noise)]
@@ -304,7 +304,7 @@ def _ranges(model: LogModel) -> list[str]:
     every = np.concatenate([np.concatenate([log.inputs, log.outputs]) for log in model.logs], 1)
     ends = zip(np.nanmin(every, axis=1), np.nanmax(every, axis=1), strict=True)
     return [
-        f"{name}: {minus(f'{low:.4g}')} to {minus(f'{high:.4g}')}{_behind(unit)}"
+        f"{name}: {minus(f'{low:.4g}')} to {minus(f'{high:.4g}')}{behind(unit)}"
         f"{_turned(high - low, unit)}"
         for (name, unit), (low, high) in zip(named, ends, strict=True)
     ]
@@ -346,7 +346,7 @@ def _limits(model: LogModel) -> list[str]:
         if max(low - float(row.min()), float(row.max()) - high) > _OUTSIDE * span:
             notes.append(
                 f"input {stated.name} goes from {minus(f'{row.min():.4g}')} to "
-                f"{minus(f'{row.max():.4g}')}{_behind(stated.unit)}, far beyond the limits that it "
+                f"{minus(f'{row.max():.4g}')}{behind(stated.unit)}, far beyond the limits that it "
                 f"states, {limits}; is the column's unit right?"
             )
     return notes
@@ -393,16 +393,11 @@ def _beginnings(model: LogModel) -> list[str]:
     return [
         f"state {name}: no output shows it, and `start` does not give it. It begins at 0, where it "
         f"is not at rest, give or take {model.sizes[name]:.3g}"
-        f"{_behind(model.system.states[name])}: if that is too little, give it by `start`, or say "
+        f"{behind(model.system.states[name])}: if that is too little, give it by `start`, or say "
         "by start_spread how far from 0 it may be."
         for name in model.hidden
         if float(np.abs(rates[name]).max()) > _MOVING * model.sizes[f"d {name}"]
     ]
-
-
-def _behind(unit: str) -> str:
-    """A unit as it stands behind a number; nothing for none."""
-    return f" {unit}" if unit not in ("", "1") else ""
 
 
 def _taken_in(unit: str) -> str:
@@ -439,7 +434,7 @@ def _off_zero(stated: Input, values: FloatArray) -> list[str]:
         return []
     return [
         f"input {stated.name} is never near 0: from {minus(f'{least:.4g}')} to "
-        f"{minus(f'{most:.4g}')}{_behind(stated.unit)}. A dead band, an asymmetry, a gain and a "
+        f"{minus(f'{most:.4g}')}{behind(stated.unit)}. A dead band, an asymmetry, a gain and a "
         "saturation are about 0; if the value at rest is another, take it off: by offset in "
         f"[columns.{stated.name}] of columns.toml, in your functions and in the limits of `Input`."
     ]
@@ -463,7 +458,7 @@ def _frozen(
     if value in (0.0, *ends) or lasts[longest] < _FROZEN * usual:
         return []
     return [
-        f"input {stated.name} stands at {minus(f'{value:.4g}')}{_behind(stated.unit)} in {log} for "
+        f"input {stated.name} stands at {minus(f'{value:.4g}')}{behind(stated.unit)} in {log} for "
         f"{dt_s * lasts[longest]:.3g} s, from {dt_s * begins[longest]:.4g} s after its start, and "
         f"seldom for more than {dt_s * usual:.2g} s elsewhere. If it was not logged there, cut "
         "that out."

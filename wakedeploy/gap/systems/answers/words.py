@@ -42,6 +42,7 @@ from wakedeploy.gap.systems.answers.reader_units import as_read
 from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.wording import (
     DETAILS,
+    behind,
     listed,
     measured,
     minus,
@@ -143,8 +144,8 @@ def _found(disagreements: Disagreements) -> list[str]:
     lines = [f"They disagree in {len(places)} places; the clearest:"]
     for p in places[:_MOST_PLACES]:
         lines.append(
-            f"  {p.channel}: {_signed(p.residual)}{_behind(p.unit)} where {p.coordinate} is "
-            f"{minus(f'{p.low:.3g} to {p.high:.3g}')}{_behind(p.coordinate_unit)}"
+            f"  {p.channel}: {_signed(p.residual)}{behind(p.unit)} where {p.coordinate} is "
+            f"{minus(f'{p.low:.3g} to {p.high:.3g}')}{behind(p.coordinate_unit)}"
         )
     return lines
 
@@ -297,25 +298,20 @@ def _unexplained(answer: Answer) -> list[str]:
     lines = []
     for push in answer.unexplained:
         lines.append(
-            f"Not explained: on {push.state}, {push.sd:.3g}{_behind(push.unit)} (sd) that last "
+            f"Not explained: on {push.state}, {push.sd:.3g}{behind(push.unit)} (sd) that last "
             f"{push.lasts_s:.2g} s, {whole_percent(push.share)} of the usual rate."
         )
         at = push.against
         if at is not None:
             lines.append(
                 f"  It follows {at.coordinate}, which tells {whole_percent(at.share)} of it: "
-                f"from {_signed(at.means[0])}{_behind(push.unit)} at "
-                f"{minus(f'{at.edges[0]:.3g}')}{_behind(at.unit)} to "
-                f"{_signed(at.means[-1])}{_behind(push.unit)} at "
-                f"{minus(f'{at.edges[-1]:.3g}')}{_behind(at.unit)}."
+                f"from {_signed(at.means[0])}{behind(push.unit)} at "
+                f"{minus(f'{at.edges[0]:.3g}')}{behind(at.unit)} to "
+                f"{_signed(at.means[-1])}{behind(push.unit)} at "
+                f"{minus(f'{at.edges[-1]:.3g}')}{behind(at.unit)}."
             )
         lines.append(f"  {_lawful(push)}")
     return lines
-
-
-def _behind(unit: str) -> str:
-    """A unit as it stands behind a number; nothing for a pure number."""
-    return "" if unit in ("", "1") else f" {unit}"
 
 
 def _lawful(push: Leftover) -> str:
