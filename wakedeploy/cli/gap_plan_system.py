@@ -138,15 +138,20 @@ def _fitted(
 
 def _tell(made: "Plan", domain: str) -> None:
     from wakedeploy.gap.systems.planning.planned import planned
+    from wakedeploy.gap.wording import quantity
 
-    rows = [[o.excitation.name, ", ".join(o.moved), f"{o.share:.0%}", f"{o.seconds:.0f}",
+    rows = [[o.excitation.name, ", ".join(o.moved),
+             ", ".join(quantity(o.about[n], made.units[n]) for n in o.moved),
+             f"{o.share:.0%}", f"{o.seconds:.0f}",
              f"{o.nats:.3g}", str(o.logs or "-"), o.excitation.description]
             for o in made.options[:_SHOWN]]  # fmt: skip
     title = "Nats by which the closest rival loses in one log"
     if len(made.names) == 1:
         title = f"Nats that {made.names[0]} gains in one log"
     if rows:
-        print_table(title, ["input", "moves", "of its limits", "s", "nats", "logs", ""], rows)
+        print_table(
+            title, ["input", "moves", "about", "of its limits", "s", "nats", "logs", ""], rows
+        )
         click.echo("Nats count evidence: 3 make one twenty times as likely as the other.")
     click.echo(planned(made, domain).sentence)
 
@@ -169,7 +174,7 @@ def _write_input(path: Path, model: "LogModel", made: "Plan") -> None:
 
 def _row(option: Any) -> dict[str, Any]:
     labels = {"input": option.excitation.name, "description": option.excitation.description}
-    kept = {k: getattr(option, k) for k in ("moved", "share", "seconds", "nats", "logs")}
+    kept = {k: getattr(option, k) for k in ("moved", "about", "share", "seconds", "nats", "logs")}
     return labels | kept
 
 

@@ -19,7 +19,9 @@ from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU
 from wakedeploy.gap.systems.planning.known import stated_answer, stated_sizes
 from wakedeploy.gap.systems.planning.plan import Option, Plan, plan, require_names
+from wakedeploy.gap.systems.planning.planned import planned
 from wakedeploy.gap.systems.planning.power import power
+from wakedeploy.gap.wording import span
 
 RATE = 50.0
 DRAG, LAG, DEAD_TIME = "viscous-friction@speed_mps", "lag@force_n", "dead-time@force_n"
@@ -253,3 +255,42 @@ def test_an_input_is_recommended_only_if_it_helps(nats, logged_nats, is_worth_it
     option = Option(MENU[0], ("force_n",), 1.0, 6.0, nats, {})
     assert (Plan((LAG, DEAD_TIME), (option,), logged_nats).best is option) == is_worth_it
     assert Plan((LAG,), (), logged_nats).best is None
+
+
+class Sinking(System):
+    """A vehicle under water, heavier than that: a thruster holds it at its depth."""
+
+    rate_hz = 10.0
+    inputs = [Input("thrust_n", "N", low=-20.0, high=20.0)]
+    states = {"depth_m": "m", "sink_mps": "m/s"}
+    outputs = [Output("depth_m", "m", noise=5e-3)]
+    constants = [Constant("mass_kg", 20.0)]
+    ports = [Port.force("sink_mps", inertia="mass_kg", kinds=["viscous-friction"])]
+
+    def derivative(self, state, inputs, c):
+        force = 5.0 + inputs.thrust_n - 10.0 * state.sink_mps
+        return {"depth_m": state.sink_mps, "sink_mps": force / c.mass_kg}
+
+
+def test_inputs_go_up_and_down_from_what_holds_a_weight() -> None:
+    """About the middle of the limits the weight alone carries it far away, whatever is added."""
+    random = np.random.default_rng(0)
+    wanted = np.repeat(random.uniform(1.0, 2.0, 10), 40)
+    depth, sink, rows = 1.5, 0.0, []
+    for goal in wanted:
+        thrust = np.clip(30.0 * (goal - depth) - 30.0 * sink - 5.0, -20.0, 20.0)
+        rows.append((thrust, depth))
+        for _ in range(20):
+            sink += (5.0 + thrust - 10.0 * sink) / 20.0 * 5e-3
+            depth += sink * 5e-3
+    thrusts, depths = np.array(rows).T
+    depths += 5e-3 * random.standard_normal(len(depths))
+    columns = {"thrust_n": thrusts, "depth_m": depths}
+    held = LogModel(Sinking(), [Recording("made", np.arange(len(rows)) / 10.0, columns)])
+    made = plan(held, fitted_base(held), ("viscous-friction@sink_mps",))
+    assert made.best is not None
+    assert made.best.about["thrust_n"] == pytest.approx(thrusts.mean())
+    assert made.best.columns["thrust_n"].mean() == pytest.approx(-5.0, abs=0.5)
+    told = planned(made, "Sinking").sentence
+    low, high = (float(f(made.best.columns["thrust_n"])) for f in (np.min, np.max))
+    assert f"{made.best.excitation.name} on thrust_n {span(low, high, 'N')} for" in told

@@ -64,9 +64,9 @@ def _triangle(n: int, seed: int) -> FloatArray:
 
 
 MENU = (
-    Excitation("fast-binary", "jumps between the limits, 3 to 9 samples apart", _levels(3, True)),
+    Excitation("fast-binary", "jumps between two levels, 3 to 9 samples apart", _levels(3, True)),
     Excitation(
-        "slow-binary", "jumps between the limits, 20 to 60 samples apart", _levels(20, True)
+        "slow-binary", "jumps between two levels, 20 to 60 samples apart", _levels(20, True)
     ),
     Excitation("levels", "jumps to any level, 20 to 60 samples apart", _levels(20, False)),
     Excitation("sweep", "a cosine from slow to fast", _sweep),

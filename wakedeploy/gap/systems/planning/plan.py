@@ -10,7 +10,7 @@ is simulated, and judged by the likelihood that `gap name` uses.
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,7 +41,8 @@ class Option:
     """An input: `moved` the inputs that it moves, by `share` of their limits, and what it shows.
 
     `nats` is what one such log gives: for a class, on the closest pair that some input tells apart;
-    `columns` (n,) by name, the inputs to record with and outputs as they would be.
+    `columns` (n,) by name, the inputs to record with and outputs as they would be. `about` is the
+    level from which each moved input goes up and down.
     """
 
     excitation: Excitation
@@ -50,6 +51,7 @@ class Option:
     seconds: float
     nats: float
     columns: Mapping[str, FloatArray]
+    about: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def logs(self) -> int | None:
@@ -61,13 +63,15 @@ class Option:
 class Plan:
     """Options, best first; `logged_nats` is what as long a piece of the present logs gives.
 
-    `alike` are pairs that no input tells apart. What options give is for the other pairs.
+    `alike` are pairs that no input tells apart. What options give is for the other pairs. `units`
+    are those of the inputs.
     """
 
     names: tuple[str, ...]
     options: tuple[Option, ...]
     logged_nats: float
     alike: tuple[Pair, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def best(self) -> Option | None:
@@ -108,7 +112,8 @@ def plan(
     order = sorted(options, key=lambda o: -o.nats)
     share = samples / sum(log.inputs.shape[1] for log in model.logs)
     logged = share * _least(_losses(model, base, known), alike)
-    return Plan(chosen, tuple(order), logged, alike)
+    units = {i.name: i.unit for i in model.system.logged}
+    return Plan(chosen, tuple(order), logged, alike, units)
 
 
 def _alike(model: LogModel, losses: Sequence[Losses]) -> tuple[Pair, ...]:
@@ -167,37 +172,70 @@ def _imagined(model: LogModel, base: Fit, samples: int) -> list[Option]:
 
     All are simulated side by side; those are left out that drive outputs too far at once.
     """
-    tried = list(itertools.product(_candidates(model), _SHARES))
-    each = [_columns(model, *candidate, share, samples) for candidate, share in tried]
+    tried = [
+        (*candidate, share, about)
+        for candidate, share in itertools.product(_candidates(model), _SHARES)
+        for about in _centres(model, candidate[1], share)
+    ]
+    each = [_columns(model, *one, samples) for one in tried]
     columns = {i.name: np.array([driven[i.name] for driven in each]) for i in model.system.logged}
     shown = imagined(model, base, columns)
     longest: dict[tuple[str, tuple[str, ...]], Option] = {}
-    for k, ((excitation, moved), share) in enumerate(tried):
+    for k, (excitation, moved, share, about) in enumerate(tried):
         outputs = {name: rows[k] for name, rows in shown.items()}
         stays, key = _stays(model, outputs), (excitation.name, moved)
         known = longest.get(key)
         if stays >= _SHORTEST and (known is None or stays * model.dt_s > known.seconds):
             cut = {n: v[:stays] for n, v in (each[k] | outputs).items()}
-            longest[key] = Option(excitation, moved, share, stays * model.dt_s, 0.0, cut)
+            longest[key] = Option(excitation, moved, share, stays * model.dt_s, 0.0, cut, about)
     return list(longest.values())
 
 
-def _columns(
-    model: LogModel, excitation: Excitation, moved: tuple[str, ...], share: float, samples: int
-) -> dict[str, FloatArray]:
-    """Inputs (n,) by name; what is not moved stays at its logged mean, or at its middle."""
-    columns = {}
+def _limits(model: LogModel) -> dict[str, tuple[float, float, float]]:
+    """Between what each logged input is tried, and its mean in the logs, bounded by that."""
+    found = {}
     for i, stated in enumerate(model.system.inputs):
-        if stated.law is not None:
+        if stated.law is None:
+            logged = np.concatenate([log.inputs[i] for log in model.logs])
+            low = float(logged.min()) if stated.low is None else stated.low
+            high = float(logged.max()) if stated.high is None else stated.high
+            found[stated.name] = (low, high, float(np.clip(logged.mean(), low, high)))
+    return found
+
+
+def _centres(model: LogModel, moved: tuple[str, ...], share: float) -> list[dict[str, float]]:
+    """About what inputs move: the middles of their limits, and what the logs hold on average.
+
+    Buoyancy or a weight alone carries many a system away from the middle. It stayed where it is
+    while the logs were recorded, so that on average it was held. As near to that as this share of
+    the limits allows.
+    """
+    middle, mean = {}, {}
+    for name in moved:
+        low, high, held = _limits(model)[name]
+        middle[name], off = 0.5 * (low + high), (1.0 - share) * 0.5 * (high - low)
+        mean[name] = middle[name] + float(np.clip(held - middle[name], -off, off))
+    return [middle] if mean == middle else [middle, mean]
+
+
+def _columns(
+    model: LogModel,
+    excitation: Excitation,
+    moved: tuple[str, ...],
+    share: float,
+    about: Mapping[str, float],
+    samples: int,
+) -> dict[str, FloatArray]:
+    """Inputs (n,) by name; what is not moved stays at its logged mean."""
+    columns, limits = {}, _limits(model)
+    for i, stated in enumerate(model.system.inputs):
+        if stated.name not in limits:
             continue
-        logged = np.concatenate([log.inputs[i] for log in model.logs])
-        low = float(logged.min()) if stated.low is None else stated.low
-        high = float(logged.max()) if stated.high is None else stated.high
-        middle, reach = 0.5 * (low + high), 0.5 * (high - low)
-        still = float(np.clip(logged.mean(), low, high))
-        shape = excitation.made(samples, i)
-        value = middle + share * reach * shape
-        columns[stated.name] = value if stated.name in moved else np.full(samples, still)
+        low, high, held = limits[stated.name]
+        value = np.full(samples, held)
+        if stated.name in moved:
+            value = about[stated.name] + share * 0.5 * (high - low) * excitation.made(samples, i)
+        columns[stated.name] = value
     return columns
 
 

@@ -7,9 +7,9 @@ import math
 
 from pydantic import Field
 
-from wakedeploy.gap.search.artefacts import Artefact, Number
-from wakedeploy.gap.systems.planning.plan import Plan
-from wakedeploy.gap.wording import counted, listed
+from wakedeploy.gap.search.artefacts import Artefact, Number, Part
+from wakedeploy.gap.systems.planning.plan import Option, Plan
+from wakedeploy.gap.wording import counted, listed, span
 
 _MANY = 100
 # Of a system that runs away without its controller, whatever limits an input has.
@@ -21,17 +21,27 @@ _CALMER = (
 INSTEAD = "Check columns and units, widen the limits of `Input`, or add a sensor."
 
 
+class Range(Part):
+    """Between what an input moves, in `unit`."""
+
+    low: Number
+    high: Number
+    unit: str
+
+
 class Planned(Artefact):
     """plan.json: the input to record for a class, "" for none, and what was tried.
 
     `nats` are those of the best input in one log, `logged_nats` those of as much of the present
-    logs; `logs` such logs decide it. `moved` are the inputs that it moves. `tried` counts inputs
-    that keep the outputs near what the logs have seen, `alike` are pairs that none tells apart.
+    logs; `logs` such logs decide it. `moved` are the inputs that it moves, `ranges` between what.
+    `tried` counts inputs that keep the outputs near what the logs have seen, `alike` are pairs that
+    none tells apart.
     """
 
     rivals: list[str] = Field(alias="class")
     input: str = ""
     moved: tuple[str, ...] = ()
+    ranges: dict[str, Range] = Field(default_factory=dict)
     seconds: Number = 0.0
     logs: int = 0
     nats: Number = 0.0
@@ -64,12 +74,18 @@ class Planned(Artefact):
             compared = f"That tells {self._as_much}{further}."
         return " ".join(
             [
-                f"Record {self.input} on {listed(self.moved)} for {self.seconds:.3g} s.",
+                f"Record {self.input} on {self._moves} for {self.seconds:.3g} s.",
                 *([compared] if self.nats > 0.0 else []),
                 f"To decide it with margin takes {counted(self.logs, 'such log')}.",
                 *self._same,
             ]
         )
+
+    @property
+    def _moves(self) -> str:
+        """The inputs, and between what: `thrust_n from 4.1 to 5.7 N`."""
+        each = {n: f" {span(r.low, r.high, r.unit)}" for n, r in self.ranges.items()}
+        return listed([f"{name}{each.get(name, '')}" for name in self.moved])
 
     @property
     def _as_much(self) -> str:
@@ -112,6 +128,7 @@ def planned(made: Plan, domain: str, key: str = "") -> Planned:
         rivals=list(made.names),
         input="" if best is None else best.excitation.name,
         moved=() if best is None else best.moved,
+        ranges={} if best is None else _ranges(made, best),
         seconds=0.0 if best is None else best.seconds,
         logs=0 if best is None else best.logs or 0,
         nats=richest if best is None else best.nats,
@@ -119,6 +136,18 @@ def planned(made: Plan, domain: str, key: str = "") -> Planned:
         tried=len(made.options),
         alike=made.alike,
     )
+
+
+def _ranges(made: Plan, best: Option) -> dict[str, Range]:
+    return {
+        name: Range(
+            low=float(best.columns[name].min()),
+            high=float(best.columns[name].max()),
+            unit=made.units[name],
+        )
+        for name in best.moved
+        if name in best.columns
+    }
 
 
 def unplannable(names: list[str], domain: str, key: str = "") -> Planned:
