@@ -491,8 +491,9 @@ def test_a_share_that_is_not_the_whole_never_reads_as_the_whole():
 )
 def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdict, step, logs):
     result = SimpleNamespace(
-        verdict=verdict, moved={}, rivals=[], effects=["coulomb-friction@speed_mps"], curved=[]
-    )
+        verdict=verdict, moved={}, rivals=[], effects=["coulomb-friction@speed_mps"], curved=[],
+        unexplained=[],
+    )  # fmt: skip
     measured = (Path("a b.csv"), Path("c.csv"))
     told = next_commands(result, Path("robot.py"), measured, Path("columns.toml"), Path("gap"))
     words = shlex.split(told[-1])
@@ -517,8 +518,9 @@ def test_the_command_that_follows_has_the_logs_that_its_sentence_asks_for(verdic
 )
 def test_a_further_log_is_called_as_one_of_its_format(measured, further):
     result = SimpleNamespace(
-        verdict="named", moved={}, rivals=[], effects=["coulomb-friction@speed_mps"], curved=[]
-    )
+        verdict="named", moved={}, rivals=[], effects=["coulomb-friction@speed_mps"], curved=[],
+        unexplained=[],
+    )  # fmt: skip
     (told,) = next_commands(result, Path("robot.py"), [Path(measured)], None, Path("gap"))
     assert f" --measured {further} " in told
 

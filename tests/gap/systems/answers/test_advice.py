@@ -100,6 +100,33 @@ def test_without_any_of_these_units_come_first() -> None:
     assert shlex.split(command)[:3] == ["wakedeploy", "gap", "check"]
 
 
+@pytest.mark.parametrize("effects", [{}, {"verdict": "none", "effects": []}])
+def test_a_push_larger_than_the_system_itself_sends_one_to_units_first(effects) -> None:
+    """A depth in cm was named a lag of its sensor, with forecasts that get surely better by it."""
+    given = (Path("r.py"), [Path("a.csv")], Path("c.toml"), Path("gap"))
+    usual = result(unexplained=[push(share=0.91)], **effects)
+    doubted = result(unexplained=[push("yaw"), push(share=5.48)], **effects)
+    step, after = next_step(usual), next_commands(usual, *given)
+    assert "unit" not in step
+    assert next_step(doubted).startswith("First check units, signs and columns: `gap check` prints")
+    assert "left on speed_mps is more than all that the system itself does" in next_step(doubted)
+    check = "wakedeploy gap check r.py --measured a.csv --columns c.toml"
+    assert next_commands(doubted, *given) == [check, *after]
+    moved = {"unexplained": [push(share=5.48)], "moved": {"mass_kg": 9.0}}
+    mass = {"value": 9.0, "low": 8.0, "high": 9.5, "unit": "kg"}
+    bent = result(**moved, constants={"mass_kg": mass}, stated={"mass_kg": 1.0}, **effects)
+    assert next_step(bent).startswith("Check what was moved, and the units")
+
+
+def test_a_name_beside_such_a_push_is_not_said_to_be_sure() -> None:
+    sure = "fewer than one search in twenty finds something this clear"
+    assert sure in first_screen(result(unexplained=[push(share=0.91)]))[2]
+    said = first_screen(result(unexplained=[push(share=5.48)]))[2]
+    assert sure not in said
+    assert said.startswith("How sure is that? Not before units, signs and columns are known to be")
+    assert "a push on speed_mps of 548 % of its usual rate is left" in said
+
+
 @pytest.mark.parametrize(
     "changed", [{}, {"unexplained": [push()]}, {"class": ["a", "b", "c", "d"]}]
 )

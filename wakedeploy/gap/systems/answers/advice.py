@@ -10,6 +10,7 @@ from wakedeploy.gap.wording import listed
 
 _PAGE = "docs/how-to/unknown.md#of-a-system-of-your-own"
 _OWN_EFFECT = "docs/how-to/own-effect.md#an-effect-for-any-system"
+_ALL_OF_IT = 1.0  # of a rate: a larger push is more than all that the system itself does
 _ALL = (
     f"All ways on are in {_PAGE}: units and samples, constants, kinds, the equations, another log, "
     "half of the log, uneven noise."
@@ -43,6 +44,30 @@ def pushes_left(answer: Answer) -> str:
         for push in _by_share(answer)
     ]
     return f" But something is left that none of them explains: on {listed(each)}."
+
+
+def outweighs(answer: Answer) -> Leftover | None:
+    """The push that is more than all that the system itself does to a rate; of several the largest.
+
+    A force that nobody thought of is rarely that large, a column in another unit often is. None
+    where constants say so already, and where forecasts show that the equations are wrong.
+    """
+    first = next(iter(_by_share(answer)), None)
+    if first is None or answer.moved or answer.is_outdone or first.share <= _ALL_OF_IT:
+        return None
+    return first
+
+
+def units_first(answer: Answer) -> str:
+    """That columns are to be checked before all else, where a push is that large; "" for others."""
+    push = outweighs(answer)
+    if push is None:
+        return ""
+    return (
+        "First check units, signs and columns: `gap check` prints the range of each column in the "
+        f"system's unit. What is left on {push.state} is more than all that the system itself "
+        "does, as of a column in another unit. If all are right:"
+    )
 
 
 def own_law(answer: Answer) -> str:

@@ -8,6 +8,7 @@ import math
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer, Effect, Ranked, Result
 from wakedeploy.gap.search.outcome import CHANCE
+from wakedeploy.gap.systems.answers.advice import outweighs
 from wakedeploy.gap.systems.answers.halves import repeated_answer
 from wakedeploy.gap.systems.answers.importance import whole_percent
 from wakedeploy.gap.systems.kinds.kind import Parameter
@@ -29,6 +30,8 @@ def certainty(result: Result) -> str:
         )
     if result.verdict == "none":
         return "Where nothing is missing, one search in twenty names something; this one did not."
+    if result.effects and outweighs(result):
+        return f"Not before units, signs and columns are known to be right. {_rest(result)}"
     beyond = "Where nothing is missing, fewer than one search in twenty finds something this clear."
     if result.is_outdone:
         return "It rests on forecasts of all blocks that were fitted, not on a search."

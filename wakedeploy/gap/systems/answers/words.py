@@ -26,6 +26,7 @@ from wakedeploy.gap.systems.answers.advice import (
     own_law,
     pushes_left,
     rest_words,
+    units_first,
     unknown_step,
 )
 from wakedeploy.gap.systems.answers.calibration import constant_words, moved_words, told_otherwise
@@ -187,6 +188,12 @@ def lacking_of_class(answer: Answer) -> str:
 
 def next_step(result: Result, planned: "Planned | None" = None) -> str:
     """What to do; the commands stand below."""
+    doubt, step = units_first(result), _by_verdict(result, planned)
+    return f"{doubt} {step[0].lower()}{step[1:]}" if doubt else step
+
+
+def _by_verdict(result: Result, planned: "Planned | None") -> str:
+    """What to do where the logs' columns are right."""
     if result.moved:
         return (
             "Check what was moved, and the units of columns.toml: `gap check` prints the range of "
