@@ -202,6 +202,17 @@ def test_columns_of_one_unit_in_each_other_s_place_are_told_by_what_drives_them(
         assert "the inputs motor_1_nm and motor_2_nm are exchanged" in note
 
 
+@pytest.mark.parametrize("is_stated", [False, True])
+def test_an_input_in_the_place_of_an_output_is_told_where_no_log_says_its_unit(is_stated):
+    """A header with two names turned round, in a log without units."""
+    swapped = joints(first="motor_1_nm", motor_1_nm="first")
+    origins = {"first": Origin("rad", is_stated), "motor_1_nm": Origin("N m", is_stated)}
+    read = Recording("made", swapped.time_s, swapped.columns, origins)
+    notes = misread(LogModel(Known(), [read]))
+    said = "far better if input motor_1_nm and output first are exchanged: "
+    assert [said in note for note in notes] == ([] if is_stated else [True])
+
+
 @pytest.mark.parametrize(
     ("times", "said"),
     [

@@ -92,7 +92,7 @@ def _of_forecasts(model: LogModel) -> list[str]:
     logs = _Logs.of(model)
     system, before = logs.system, logs.errors()
     origins = _origins(model)
-    others = [*_in_other_units(system, before, origins), *_exchanged(system, before)]
+    others = [*_in_other_units(system, before, origins), *_exchanged(system, before, origins)]
     if len(others) > _AT_FULL_LENGTH:
         logs = logs.shortened(_AT_FULL_LENGTH / len(others))
         before = logs.errors()
@@ -276,18 +276,27 @@ def _turned(words: str, *names: str) -> _Other:
     return _Other(words, lambda c: {**c, **{n: -1.0 * c[n] for n in names}})
 
 
-def _exchanged(system: StateSpace, errors: Mapping[int, FloatArray]) -> Iterator[_Other]:
-    """Every two outputs that are off, and every two inputs, in each other's place."""
+def _exchanged(
+    system: StateSpace, errors: Mapping[int, FloatArray], origins: Mapping[str, Origin]
+) -> Iterator[_Other]:
+    """Each two of the outputs that are off and the inputs, in each other's place.
+
+    An input and an output only where units allow: they have one dimension, or no log says them.
+    """
     off = _are_off(system, errors)
-    for what, names in (
-        ("outputs", [o.name for o in off]),
-        ("inputs", [i.name for i in system.logged if off]),
-    ):
-        for a, b in itertools.combinations(names, 2):
-            yield _Other(
-                f"the {what} {a} and {b} are exchanged",
-                lambda c, a=a, b=b: {**c, a: c[b], b: c[a]},  # type: ignore[misc]
-            )
+    inputs = system.logged if off else []
+    for what, alike in (("outputs", off), ("inputs", inputs)):
+        for a, b in itertools.combinations([each.name for each in alike], 2):
+            yield _swapped(f"the {what} {a} and {b} are exchanged", a, b)
+    stated = {n for n, origin in origins.items() if origin.is_stated}
+    for given, shown in itertools.product(inputs, off):
+        a, b = given.name, shown.name
+        if same_dimension(given.unit, shown.unit) or not stated & {a, b}:
+            yield _swapped(f"input {a} and output {b} are exchanged", a, b)
+
+
+def _swapped(words: str, a: str, b: str) -> _Other:
+    return _Other(words, lambda c: {**c, a: c[b], b: c[a]})
 
 
 def _is_sharp(
