@@ -114,11 +114,13 @@ def told(cart, step, *more, **scales):
         slow({"push": -1.0}, "input push or output place has the other sign"),
         (
             {"place": 0.0254},
-            "place is 39.37 times as large as was read, as where columns.toml says in of a log in",
+            "place is 39.37 times as large as was read, as where numbers that were in m already "
+            "were converted from in",
         ),
         slow(
             {"push": 1e-3},
-            "times as large as was read, as where columns.toml says mN of a log in N or ",
+            "times as large as was read, as where numbers that were in N already were "
+            "converted from mN or ",
         ),
         slow({"place": 0.85}, ""),  # a scale error of a sensor is no unit
         slow({"place": 1.2}, ""),
@@ -219,7 +221,8 @@ def test_an_input_in_the_place_of_an_output_is_told_where_no_log_says_its_unit(i
         (180.0 / np.pi, "gyro is in deg/s, and not in rad/s"),
         (
             np.pi / 180.0,
-            "gyro is 57.3 times as large as was read, as where columns.toml says deg/s of a log",
+            "if gyro is 57.3 times as large as was read, as where numbers that were in rad/s "
+            "already were converted from deg/s",
         ),
     ],
 )
@@ -230,6 +233,8 @@ def test_a_speed_in_another_unit_than_its_position_is_told(times, said):
     scale = float(note.partition("second goes ")[2].partition(" times")[0])
     assert scale == pytest.approx(1.0 / times, rel=0.05)
     assert said in note
+    assert " says. That fits if " in note
+    assert "columns.toml" not in note  # there is none
 
 
 @pytest.mark.parametrize(

@@ -215,7 +215,7 @@ def _readings(what: str, unit: str, origin: Origin | None) -> list[tuple[str, fl
     """What may be wrong about a column's unit, and what its numbers are then multiplied by.
 
     It is in another unit than its columns.toml says. Of a column that nobody says that of, it is in
-    another than the system's, or in the system's and was divided by what it should not have been.
+    another than the system's, or was in the system's before it was converted all the same.
     Two of one scale, as kN and mN, are one.
     """
     said: dict[float, list[str]] = {}
@@ -229,8 +229,8 @@ def _readings(what: str, unit: str, origin: Origin | None) -> list[tuple[str, fl
             continue
         times = 1.0 / scale
         said.setdefault(_rounded(times), []).append(
-            f"{what} is {times:.4g} times as large as was read, as where columns.toml says {other} "
-            f"of a log in {stated}"
+            f"{what} is {times:.4g} times as large as was read, as where numbers that were in "
+            f"{stated} already were converted from {other}"
         )
     return [(" or ".join(words), scale) for scale, words in said.items()]
 
@@ -453,6 +453,6 @@ def _of_scale(
     if not likely:
         return []
     return [
-        f"output {place} goes {scale:.3g} times as far as its speed, {speed}, says, as if "
-        f"{' or '.join(likely)}: is each column's unit right?"
+        f"output {place} goes {scale:.3g} times as far as its speed, {speed}, says. That fits if "
+        f"{', or if '.join(likely)}: is each column's unit right?"
     ]
