@@ -148,6 +148,19 @@ def test_what_is_written_is_read_in_the_systems_names_and_units(tmp_path: Path) 
     assert one.columns["cart_m"] == pytest.approx(np.cos(np.arange(500) / 100.0), abs=1e-4)
 
 
+def test_where_none_is_called_like_it_the_free_columns_in_such_a_unit_are_told(tmp_path) -> None:
+    """A log in another language: whoever flew it knows which column is which."""
+    header = "t,Schub links (N),Schub rechts (N),soll ref (m)"
+    asked = [Asked("left_n", "input", "N"), Asked("depth_m", "output", "m"), VOLTAGE]
+    text = " ".join(guess_columns(log(tmp_path / "log.csv", header), asked).split("\n# "))
+    assert (
+        "Not found: left_n [N]; none is called like it; by its unit it could be Schub links (N) or "
+        "Schub rechts (N). Name its column [columns.left_n]" in text
+    )
+    assert "Not found: depth_m [m]; none is like it." in text  # what is wanted is measured nowhere
+    assert "Not found: motor_v [V]; none is like it." in text
+
+
 def test_no_other_column_takes_a_name_that_is_asked_for(tmp_path: Path) -> None:
     """A column that is called as an output, in another quantity, is left to the person."""
     path = log(tmp_path / "log.csv", "t,motor (V),cart_m (V),note")

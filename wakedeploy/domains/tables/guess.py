@@ -280,11 +280,11 @@ def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
     matches = _with_only_orientation(matched(wanted, units, left_out), wanted, files)
     by_place = {called.get(place, place): match for place, match in matches.found.items()}
     shown = called | angles
-    undecided = {
-        each: [shown.get(place, place) for place in places]
-        for each, places in matches.undecided.items()
-    }
-    return Matches(by_place, undecided)
+
+    def as_shown(those: Mapping[Asked, Sequence[Place]]) -> dict[Asked, list[Place]]:
+        return {e: [shown.get(place, place) for place in places] for e, places in those.items()}
+
+    return Matches(by_place, as_shown(matches.undecided), as_shown(matches.in_unit))
 
 
 def _called(field: Field) -> str:
@@ -318,20 +318,28 @@ def _not_found(asked: Sequence[Asked], matches: Matches) -> Iterator[str]:
     for each in asked:
         if each not in found:
             said = f"Not found: {plain_line(each.name)} [{plain_line(each.unit)}]; "
-            said += _on_lacking(each, matches.undecided.get(each, ()))
+            said += _on_lacking(each, matches)
             yield ""
             yield textwrap.fill(said, 96, initial_indent="# ", subsequent_indent="# ",
                                 break_on_hyphens=False, break_long_words=False)  # fmt: skip
 
 
-def _on_lacking(each: Asked, undecided: Sequence[Place]) -> str:
+def _on_lacking(each: Asked, matches: Matches) -> str:
     if not _is_key(each.name):
         return "a column's name has letters from A to Z alone: rename it in the system."
-    named = [plain_line(f"{name} of {file}" if file else name) for file, name in undecided]
-    more = len(named) - _NAMED
-    places = [*named[:_NAMED], *([f"one of {more} more"] if more > 0 else [])]
-    why = f"it could be {' or '.join(places)}" if places else "none is like it"
+    why = "none is like it"
+    if called := matches.undecided.get(each):
+        why = f"it could be {_any_of(called)}"
+    elif measured := matches.in_unit.get(each):
+        why = f"none is called like it; by its unit it could be {_any_of(measured)}"
     return f'{why}. Name its column [columns.{each.name}], with role = "{each.role}".'
+
+
+def _any_of(places: Sequence[Place]) -> str:
+    """The first of some columns, and how many more there are."""
+    named = [plain_line(f"{name} of {file}" if file else name) for file, name in places]
+    more = len(named) - _NAMED
+    return " or ".join([*named[:_NAMED], *([f"one of {more} more"] if more > 0 else [])])
 
 
 def _is_key(name: str) -> bool:

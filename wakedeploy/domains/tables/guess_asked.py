@@ -7,7 +7,7 @@ What could be two is neither: a wrong column looks like a wrong model.
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from wakedeploy.core.units import SHOWN_ALONE, is_angular, same_dimension, unit_at_end
 
@@ -58,10 +58,14 @@ class Match:
 
 @dataclass(frozen=True)
 class Matches:
-    """The columns that were found, and those that what was not found could be; maybe none."""
+    """The columns that were found, and those that what was not found could be; maybe none.
+
+    Where none is called like it, `in_unit` has the free ones in such a unit.
+    """
 
     found: Mapping[Place, Match]
     undecided: Mapping[Asked, Sequence[Place]]
+    in_unit: Mapping[Asked, Sequence[Place]] = field(default_factory=dict)
 
 
 NOTHING_ASKED = Matches({}, {})
@@ -102,7 +106,8 @@ def matched(
             gone.add(each)
     free = {place: unit for place, unit in columns.items() if place not in found}
     undecided |= {each: _alike(each, free) for each in wanted if each not in gone}
-    return Matches(found, undecided)
+    in_unit = {each: _in_unit(each, free) for each, places in undecided.items() if not places}
+    return Matches(found, undecided, in_unit)
 
 
 def may_be(asked: Asked, column: str) -> bool:
@@ -184,6 +189,14 @@ def _alike(each: Asked, columns: Mapping[Place, str | None]) -> list[Place]:
             if not is_meant and all(any(_is_one(w, other) for other in words) for w in wanted):
                 found.append(place)
     return found
+
+
+def _in_unit(each: Asked, columns: Mapping[Place, str | None]) -> list[Place]:
+    """Columns whose log says such a unit, however they are called; none for a pure number."""
+    if _fits(each.unit, "1"):
+        return []
+    fit = [p for p, unit in columns.items() if unit is not None and _fits(unit, each.unit)]
+    return [p for p in fit if each.role == "input" or not _words(p[1], None) & _MEANT]
 
 
 def _fits(unit: str, other: str) -> bool:
