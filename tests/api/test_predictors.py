@@ -92,6 +92,19 @@ def test_what_is_no_real_number_is_refused_by_series_and_by_step(predictor: wd.P
                 predictor.step(row)
 
 
+def test_numbers_that_are_objects_are_numbers(predictor: wd.Predictor) -> None:
+    """As rows of a table that also has text are, once that is taken out."""
+    series = np.array([[1, np.float32(0.5)], [False, 0.25]], dtype=object)
+    forces = predictor.predict([[1.0, 0.5], [0.0, 0.25]])
+    np.testing.assert_array_equal(predictor.predict(series), forces)
+    np.testing.assert_array_equal(predictor.predict(np.stack([series, series]))[1], forces)
+    predictor.reset()
+    np.testing.assert_allclose(predictor.step(series[0]), forces[0], rtol=1e-4, atol=1e-6)
+    series[1, 1] = None
+    with pytest.raises(wd.UnusableInput, match="it holds what is no number"):
+        predictor.predict(series)
+
+
 def test_columns_of_a_frame_may_be_numbers_of_several_kinds(predictor: wd.Predictor) -> None:
     pandas = pytest.importorskip("pandas", reason="the extra notebook is not installed")
     names = [c.name for c in predictor.manifest.observation]

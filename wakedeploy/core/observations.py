@@ -10,6 +10,7 @@ from wakedeploy.core.errors import OutOfRange, UnusableInput, one_line
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
 
 _REAL = "fiub"  # kinds of arrays that hold real numbers
+_NUMBERS = (bool, int, float, np.bool_, np.integer, np.floating)  # as objects of Python
 _BEYOND = 0.25  # of a range's width on either side: also ±3 m/s, read as ±5.8 kn, is outside
 _ALIKE = 1e-3  # of a range's larger end: what is rounded otherwise is no other value
 _SHARE = 0.05  # of the values that may lie further out
@@ -50,11 +51,15 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
 def real_numbers(given: npt.ArrayLike) -> npt.NDArray[np.generic]:
     """What was given as an array of integers, floats or truth values, of any shape.
 
+    An array of objects is one, too, where each is such a number.
+
     ValueError says what else it holds: text, None, complex numbers, dates, lists of several
     lengths, and integers that no such array can hold.
     """
     try:
         values = np.asarray(given)
+        if values.dtype.kind == "O" and all(isinstance(v, _NUMBERS) for v in values.flat):
+            values = values.astype(np.float64)  # as of a table whose columns are of several kinds
     except OverflowError as error:  # 10**400 beside a float
         raise ValueError("it holds a number that is too large") from error
     except TypeError as error:  # what cannot be an array here, as a tensor on a GPU
