@@ -24,10 +24,10 @@ class Recording:
     """One uninterrupted piece of a log.
 
     `time_s` (T,) rises in equal steps [s]; each of `columns` is (T,), by the name that the user's
-    system gives it and in its unit. A sample that was not measured is NaN. `origins` says of the
-    columns of a log what they were read from; nothing of those that had a factor of their own.
-    `clocks` says which columns were stamped together: those of one clock's name are, as are all
-    columns that it does not name.
+    system gives it and in its unit. A sample that was not measured is NaN; an infinite one is
+    refused where its column is needed. `origins` says of the columns of a log what they were read
+    from; nothing of those that had a factor of their own. `clocks` says which columns were stamped
+    together: those of one clock's name are, as are all columns that it does not name.
 
     Lists and columns of a DataFrame become arrays. Raises UnusableInput for what holds no numbers,
     columns of another length, a time that does not rise in equal steps but for a jitter, or fewer

@@ -217,6 +217,27 @@ def test_a_reading_between_a_system_s_samples_counts_at_the_next():
     assert np.array_equal(log.outputs[0][np.isfinite(log.outputs[0])], y[np.isfinite(y)])
 
 
+@pytest.mark.parametrize("name", ["force_n", "position_m"])
+@pytest.mark.parametrize("value", [np.inf, -np.inf])
+def test_an_infinite_value_is_refused_by_column_and_sample(name, value):
+    """It was held like one that was not measured; a column that nobody asks for may have it."""
+    made = recorded(0)
+    logs_of(
+        Mass(),
+        [
+            Recording(
+                "made", made.time_s, {**made.columns, "note": np.full(len(made.time_s), value)}
+            )
+        ],
+    )
+    column = made.columns[name].copy()
+    column[7] = value
+    with pytest.raises(
+        UnusableInput, match=rf"made: column '{name}' is infinite at sample 7, 0.07 s; "
+    ):
+        logs_of(Mass(), [Recording("made", made.time_s, {**made.columns, name: column})])
+
+
 def test_a_sensor_that_hangs_is_no_log_to_search_in():
     rows = np.arange(400)
     hung = {"force_n": np.cos(rows), "position_m": np.where(rows % 3, 3.21, np.nan)}

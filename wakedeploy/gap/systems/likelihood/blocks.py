@@ -185,7 +185,14 @@ def _column(recording: Recording, name: str) -> FloatArray:
             f"{recording.name}: no column {name!r} among {known}; call it so, in a columns.toml by "
             f"[columns.{name}]."
         )
-    return np.asarray(recording.columns[name], dtype=float)
+    column = np.asarray(recording.columns[name], dtype=float)
+    if (infinite := np.isinf(column)).any():
+        at = int(np.argmax(infinite))
+        raise UnusableInput(
+            f"{recording.name}: column {name!r} is infinite at sample {at}, "
+            f"{recording.time_s[at]:.6g} s; mend it there, by NaN where nothing was measured."
+        )
+    return column
 
 
 def _input(recording: Recording, stated: Input) -> FloatArray:
