@@ -208,6 +208,13 @@ class Driven(Mass):
 
 
 @pytest.mark.whole
+def test_of_a_system_that_comes_back_by_itself_nothing_is_said_of_a_level(model, base) -> None:
+    made = plan(model, base, (LAG, DEAD_TIME))
+    assert not any(option.is_held for option in made.options)
+    assert "be ready to stop it" not in planned(made, "Mass").sentence
+
+
+@pytest.mark.whole
 def test_only_inputs_that_can_be_commanded_are_moved() -> None:
     made = recorded(0)
     battery = 12.0 + 0.1 * np.sin(made.time_s)
@@ -292,5 +299,6 @@ def test_inputs_go_up_and_down_from_what_holds_a_weight() -> None:
     assert made.best.about["thrust_n"] == pytest.approx(thrusts.mean())
     assert made.best.columns["thrust_n"].mean() == pytest.approx(-5.0, abs=0.5)
     told = planned(made, "Sinking").sentence
+    assert "be ready to stop it, or add this to what a controller commands" in told
     low, high = (float(f(made.best.columns["thrust_n"])) for f in (np.min, np.max))
     assert f"{made.best.excitation.name} on thrust_n {span(low, high, 'N')} for" in told

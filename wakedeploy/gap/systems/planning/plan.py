@@ -42,7 +42,8 @@ class Option:
 
     `nats` is what one such log gives: for a class, on the closest pair that some input tells apart;
     `columns` (n,) by name, the inputs to record with and outputs as they would be. `about` is the
-    level from which each moved input goes up and down.
+    level from which each moved input goes up and down; `is_held` where it is what the logs hold on
+    average, as about the middle of the limits outputs leave sooner.
     """
 
     excitation: Excitation
@@ -52,6 +53,7 @@ class Option:
     nats: float
     columns: Mapping[str, FloatArray]
     about: Mapping[str, float] = field(default_factory=dict)
+    is_held: bool = False
 
     @property
     def logs(self) -> int | None:
@@ -187,7 +189,10 @@ def _imagined(model: LogModel, base: Fit, samples: int) -> list[Option]:
         known = longest.get(key)
         if stays >= _SHORTEST and (known is None or stays * model.dt_s > known.seconds):
             cut = {n: v[:stays] for n, v in (each[k] | outputs).items()}
-            longest[key] = Option(excitation, moved, share, stays * model.dt_s, 0.0, cut, about)
+            is_held = about != _centres(model, moved, share)[0]
+            longest[key] = Option(
+                excitation, moved, share, stays * model.dt_s, 0.0, cut, about, is_held
+            )
     return list(longest.values())
 
 

@@ -18,6 +18,12 @@ _CALMER = (
     "controller; or record it under its controller, with references that move more, and log the "
     "command that it gives."
 )
+# Of a system that goes away about the middle of its limits: the model may know its weight wrongly.
+_HELD = (
+    "It goes up and down from what the logs hold on average, from where a small error of the model "
+    "carries the system away in time: be ready to stop it, or add this to what a controller "
+    "commands, and log the sum."
+)
 INSTEAD = "Check columns and units, widen the limits of `Input`, or add a sensor."
 
 
@@ -33,15 +39,16 @@ class Planned(Artefact):
     """plan.json: the input to record for a class, "" for none, and what was tried.
 
     `nats` are those of the best input in one log, `logged_nats` those of as much of the present
-    logs; `logs` such logs decide it. `moved` are the inputs that it moves, `ranges` between what.
-    `tried` counts inputs that keep the outputs near what the logs have seen, `alike` are pairs that
-    none tells apart.
+    logs; `logs` such logs decide it. `moved` are the inputs that it moves, `ranges` between what;
+    `is_held` where they do so about what the logs hold on average. `tried` counts inputs that keep
+    the outputs near what the logs have seen, `alike` are pairs that none tells apart.
     """
 
     rivals: list[str] = Field(alias="class")
     input: str = ""
     moved: tuple[str, ...] = ()
     ranges: dict[str, Range] = Field(default_factory=dict)
+    is_held: bool = False
     seconds: Number = 0.0
     logs: int = 0
     nats: Number = 0.0
@@ -77,6 +84,7 @@ class Planned(Artefact):
                 f"Record {self.input} on {self._moves} for {self.seconds:.3g} s.",
                 *([compared] if self.nats > 0.0 else []),
                 f"To decide it with margin takes {counted(self.logs, 'such log')}.",
+                *([_HELD] if self.is_held else []),
                 *self._same,
             ]
         )
@@ -129,6 +137,7 @@ def planned(made: Plan, domain: str, key: str = "") -> Planned:
         input="" if best is None else best.excitation.name,
         moved=() if best is None else best.moved,
         ranges={} if best is None else _ranges(made, best),
+        is_held=best is not None and best.is_held,
         seconds=0.0 if best is None else best.seconds,
         logs=0 if best is None else best.logs or 0,
         nats=richest if best is None else best.nats,
