@@ -12,7 +12,7 @@ from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence import inference
-from wakedeploy.gap.evidence.ascent import slopes_at, top_within
+from wakedeploy.gap.evidence.ascent import Ascent, slopes_at, top_within
 from wakedeploy.gap.evidence.fits import (
     LOST_NATS,
     Free,
@@ -87,6 +87,24 @@ def test_a_fit_follows_a_narrow_ridge_to_its_top() -> None:
     assert (1.0 + fitted.value("gain.error")) / fitted.value("mass") == pytest.approx(
         ratio, abs=1e-5
     )
+
+
+class Breaking(Hovering):
+    """The same, but that readings beside the ridge are none."""
+
+    def score(self, hypothesis, theta, episode):
+        scored = super().score(hypothesis, theta, episode)
+        if abs((1.0 + theta[1]) / theta[0] - 1.2) > 1e-7:
+            return replace(scored, innovation=np.full(60, np.inf))
+        return scored
+
+
+def test_a_ridge_beside_which_nothing_is_a_number_is_not_left() -> None:
+    model = Breaking()
+    theta = np.array([0.6, 0.6 * 1.2 - 1.0])
+    ascent = Ascent(model, ("gain",), model.free(("gain",)), tuple(EVERY), None, -np.inf, 0.05)
+    with np.errstate(all="ignore"):
+        assert np.array_equal(ascent.along_ridge(theta).theta, theta)
 
 
 class Thought(Linear):

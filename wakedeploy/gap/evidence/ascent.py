@@ -150,6 +150,8 @@ class Ascent:
         weighed, throws a whole step off it.
         """
         gradient, curvature = self._gradient(slopes, theta), self._information(slopes)
+        if not (np.isfinite(gradient).all() and np.isfinite(curvature).all()):
+            return []
         scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
         lengths = (vectors.T @ (scale * gradient)) / np.maximum(values, FLAT * values[-1])
