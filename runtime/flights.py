@@ -139,7 +139,10 @@ def _flown(job: tuple[str, RunRequest]) -> Flight:
     try:
         fly(request, tell=tallies.append)
     except UnusableInput as error:
-        raise _of_several(error, request.log) from error
+        told = _of_several(error, request.log)
+        if told is error:
+            raise
+        raise told from error
     except CheckFailed:
         if not tallies or not tallies[0].ended.startswith("failsafe"):
             raise  # not a flight's end: a recording that is not whole, a hook that fails

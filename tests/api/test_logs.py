@@ -52,6 +52,7 @@ def test_a_log_that_is_not_there_is_a_wrong_path(tmp_path) -> None:
         (["a"] * 6, "time_s is not an array (T,) of numbers"),
         (np.arange(6).astype("datetime64[s]"), "time_s is not an array (T,) of numbers"),
         (["0", "1", "2", "3", "4", "5"], "time_s is not an array (T,) of numbers"),
+        (np.array(["0", "1", "2", "3", "4", "5"], dtype=object), "is not an array (T,) of numbers"),
         (np.arange(6.0)[:, None], "time_s is not an array (T,) of numbers"),
     ],
 )

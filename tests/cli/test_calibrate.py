@@ -128,7 +128,7 @@ def test_without_a_terminal_it_is_said_what_the_question_needs(files) -> None:
     assert result.exit_code == 2
     assert "Aborted" not in result.output
     assert result.output.splitlines()[-1] == (
-        "Error: Nobody answers here, as the standard input has ended; give the command at a "
+        "Error: The standard input has ended before an answer; give the command at a "
         "terminal, or a recording by --log."
     )
 

@@ -128,6 +128,16 @@ def test_an_hour_of_flight_outruns_the_disk_and_loses_no_tick(here, monkeypatch)
     assert np.all(np.diff(log["tick"]) == 1)
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_keeps_one_of_several_flights_on_the_ground_ends_the_command(here, workers):
+    """A rig whose carriage seems not to be at home: the sentence of a single flight, at once."""
+    default_rig().changed(range_sensor={"bias_m": 0.2}).write("plant.toml")
+    result = run_gantry("--baseline", "--virtual", "--seconds", 6, "--plant-rig", "plant.toml",
+                        "--flights", 2, "--workers", workers)  # fmt: skip
+    assert result.exit_code == 2
+    assert "At rest the range sensor reads" in result.output
+
+
 @pytest.mark.whole
 def test_many_flights_are_the_single_ones_and_their_mean_has_its_standard_error(here):
     plan = ("--baseline", "--virtual", "--seconds", 6)

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import math
 import numbers
+import os
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -55,7 +56,7 @@ class Place(TypedDict, total=False):
     onnxruntime and a folder as the C that it is.
     """
 
-    port: str | None
+    port: PathLike | None
     range_socket: PathLike | None
     realtime: bool | None
     wall_clock: bool
@@ -413,7 +414,10 @@ def request_of(
     if (plant := others.pop("plant_rig", None)) is not None:
         others["plant_rig"] = rig_of(plant, "plant_rig")
     for name in _PATHS:
-        others |= {name: path_of(others[name], name)} if name in others else {}
+        if name in others:
+            others[name] = path_of(others[name], name)
+    if others.get("port") is not None:
+        others["port"] = os.fspath(path_from(others["port"], "port"))
     return RunRequest(
         rig=rig_of(rig),
         rig_path=None if isinstance(rig, Rig) else path_of(rig, "rig"),

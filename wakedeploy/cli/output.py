@@ -162,7 +162,7 @@ def answered_by_hand(otherwise: str) -> Iterator[None]:
         if isinstance(error.__context__, EOFError):
             click.echo(err=True)  # the question's line has not ended
             raise UnusableInput(
-                f"Nobody answers here, as the standard input has ended; {otherwise}."
+                f"The standard input has ended before an answer; {otherwise}."
             ) from error
         raise
 

@@ -26,9 +26,11 @@ def was_interrupted(error: BaseException) -> bool:
     A library that is interrupted while it is imported may complain of what it lacks.
     """
     cause: BaseException | None = error
-    while cause is not None:
+    seen = set[int]()
+    while cause is not None and id(cause) not in seen:  # an error may be its own cause
         if isinstance(cause, KeyboardInterrupt):
             return True
+        seen.add(id(cause))
         cause = cause.__cause__ or cause.__context__
     return False
 

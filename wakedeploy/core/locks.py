@@ -66,7 +66,7 @@ def scratch_folder(prefix: str) -> Iterator[Path]:
     A process that is killed in the block leaves it there; it goes when another one begins.
     """
     _remove_left(Path(tempfile.gettempdir()), prefix)
-    with tempfile.TemporaryDirectory(prefix=prefix) as name:
+    with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as name:
         descriptor = os.open(name, _FOLDER)
         try:
             with contextlib.suppress(OSError):  # where folders have no locks, none is removed

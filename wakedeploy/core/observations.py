@@ -54,7 +54,7 @@ def real_numbers(given: npt.ArrayLike) -> npt.NDArray[np.generic]:
     An array of objects is one, too, where each is such a number.
 
     ValueError says what else it holds: text, None, complex numbers, dates, lists of several
-    lengths, and integers that no such array can hold.
+    lengths, and integers that no float can hold.
     """
     try:
         values = np.asarray(given)

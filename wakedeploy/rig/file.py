@@ -80,8 +80,10 @@ def with_effect(rig: Rig, effect: str, /, **parameters: float) -> Rig:
     """
     for name, value in parameters.items():
         try:
-            parameters[name] = float("text" if isinstance(value, str | bytes | bool) else value)
-        except (TypeError, ValueError):
+            if isinstance(value, str | bytes | bytearray | bool):
+                raise TypeError  # which float would take
+            parameters[name] = float(value)
+        except (TypeError, ValueError, OverflowError):
             raise UnusableInput(f"{effect}: {name} is {value!r:.60}: give a number.") from None
     units = {parameter.name: parameter.unit for parameter in known_effect(effect).parameters}
     stated = {n: EffectParameter(value=v, unit=units.get(n, "1")) for n, v in parameters.items()}

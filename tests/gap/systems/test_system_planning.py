@@ -1,6 +1,7 @@
 """What logs can tell, and which input tells more: held against logs that are made and fitted."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU
 from wakedeploy.gap.systems.planning.known import stated_answer, stated_sizes
-from wakedeploy.gap.systems.planning.plan import Option, Plan, plan, require_names
+from wakedeploy.gap.systems.planning.plan import Option, Plan, _centres, plan, require_names
 from wakedeploy.gap.systems.planning.planned import planned
 from wakedeploy.gap.systems.planning.power import power
 from wakedeploy.gap.wording import span
@@ -212,6 +213,20 @@ def test_of_a_system_that_comes_back_by_itself_nothing_is_said_of_a_level(model,
     made = plan(model, base, (LAG, DEAD_TIME))
     assert not any(option.is_held for option in made.options)
     assert "be ready to stop it" not in planned(made, "Mass").sentence
+
+
+@pytest.mark.parametrize(("mean", "is_held"), [(0.52, False), (0.7, True)])
+def test_a_mean_next_to_the_middle_of_the_limits_is_the_middle(mean, is_held) -> None:
+    logged = np.clip(mean + np.linspace(-0.2, 0.2, 100), 0.0, 1.0)[None]
+    model = SimpleNamespace(
+        system=SimpleNamespace(inputs=[Input("force_n", "N", low=0.0, high=1.0)]),
+        logs=[SimpleNamespace(inputs=logged)],
+    )
+    centres = _centres(model, ("force_n",), 0.5)
+    assert len(centres) == (2 if is_held else 1)
+    assert centres[0] == {"force_n": 0.5}
+    assert centres[-1]["force_n"] == pytest.approx(0.7 if is_held else 0.5)
+    assert _centres(model, ("force_n",), 1.0) == [{"force_n": 0.5}]  # has no room for another
 
 
 @pytest.mark.whole

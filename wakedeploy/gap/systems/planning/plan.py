@@ -33,6 +33,7 @@ _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the limits, the largest that the out
 _BEYOND = 0.25  # of their range, by which outputs may leave what the logs have seen
 _MULTIPLES = 2.0 ** np.linspace(-4.0, 2.0, 13)  # of a rival's size
 _SHORTEST = 200  # samples of an imagined log, which ends where its outputs leave
+_NEXT_TO = 0.05  # share of the limits; a mean so near to their middle is it
 _LONGEST = 3000  # samples of an imagined log
 
 
@@ -182,18 +183,23 @@ def _imagined(model: LogModel, base: Fit, samples: int) -> list[Option]:
     each = [_columns(model, *one, samples) for one in tried]
     columns = {i.name: np.array([driven[i.name] for driven in each]) for i in model.system.logged}
     shown = imagined(model, base, columns)
-    longest: dict[tuple[str, tuple[str, ...]], Option] = {}
+    longest: dict[tuple[str, tuple[str, ...], bool], Option] = {}
     for k, (excitation, moved, share, about) in enumerate(tried):
         outputs = {name: rows[k] for name, rows in shown.items()}
-        stays, key = _stays(model, outputs), (excitation.name, moved)
+        stays, is_held = _stays(model, outputs), about != _centres(model, moved, share)[0]
+        key = (excitation.name, moved, is_held)
         known = longest.get(key)
         if stays >= _SHORTEST and (known is None or stays * model.dt_s > known.seconds):
             cut = {n: v[:stays] for n, v in (each[k] | outputs).items()}
-            is_held = about != _centres(model, moved, share)[0]
             longest[key] = Option(
                 excitation, moved, share, stays * model.dt_s, 0.0, cut, about, is_held
             )
-    return list(longest.values())
+    lasts = {key: option.seconds for key, option in longest.items()}
+    return [
+        option
+        for (name, moved, is_held), option in longest.items()
+        if not is_held or option.seconds > lasts.get((name, moved, False), 0.0)
+    ]
 
 
 def _limits(model: LogModel) -> dict[str, tuple[float, float, float]]:
@@ -213,14 +219,16 @@ def _centres(model: LogModel, moved: tuple[str, ...], share: float) -> list[dict
 
     Buoyancy or a weight alone carries many a system away from the middle. It stayed where it is
     while the logs were recorded, so that on average it was held. As near to that as this share of
-    the limits allows.
+    the limits allows, where it is not next to the middle anyway.
     """
     middle, mean = {}, {}
     for name in moved:
         low, high, held = _limits(model)[name]
         middle[name], off = 0.5 * (low + high), (1.0 - share) * 0.5 * (high - low)
         mean[name] = middle[name] + float(np.clip(held - middle[name], -off, off))
-    return [middle] if mean == middle else [middle, mean]
+    reach = {name: high - low for name, (low, high, _) in _limits(model).items()}
+    apart = (abs(mean[name] - middle[name]) > _NEXT_TO * reach[name] for name in moved)
+    return [middle, mean] if any(apart) else [middle]
 
 
 def _columns(

@@ -20,9 +20,9 @@ _CALMER = (
 )
 # Of a system that goes away about the middle of its limits: the model may know its weight wrongly.
 _HELD = (
-    "It goes up and down from what the logs hold on average, from where a small error of the model "
-    "carries the system away in time: be ready to stop it, or add this to what a controller "
-    "commands, and log the sum."
+    "It goes up and down from as near to what the logs hold on average as its limits allow. A "
+    "small error of the model carries the system away from there in time: be ready to stop it, or "
+    "add this to what a controller commands, and log the sum."
 )
 INSTEAD = "Check columns and units, widen the limits of `Input`, or add a sensor."
 
