@@ -59,7 +59,7 @@ class Recording:
         try:
             plain = np.asanyarray(values)  # as it is, if it has a mask
             # Of complex numbers and dates a part would be lost; text is not read.
-            is_text = any(isinstance(v, str | bytes) for v in plain.flat if plain.dtype == object)
+            is_text = plain.dtype == object and any(isinstance(v, str | bytes) for v in plain.flat)
             if plain.ndim == 1 and plain.dtype.kind not in "cmMUS" and not is_text:
                 read = plain.astype(np.float64, copy=False)
                 return np.asarray(np.ma.filled(read, np.nan))
