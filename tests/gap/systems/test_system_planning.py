@@ -1,7 +1,6 @@
 """What logs can tell, and which input tells more: held against logs that are made and fitted."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +18,14 @@ from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.excitation import MENU
 from wakedeploy.gap.systems.planning.known import stated_answer, stated_sizes
-from wakedeploy.gap.systems.planning.plan import Option, Plan, _centres, plan, require_names
+from wakedeploy.gap.systems.planning.plan import (
+    Option,
+    Plan,
+    _centres,
+    _worth_judging,
+    plan,
+    require_names,
+)
 from wakedeploy.gap.systems.planning.planned import planned
 from wakedeploy.gap.systems.planning.power import power
 from wakedeploy.gap.wording import span
@@ -217,16 +223,23 @@ def test_of_a_system_that_comes_back_by_itself_nothing_is_said_of_a_level(model,
 
 @pytest.mark.parametrize(("mean", "is_held"), [(0.52, False), (0.7, True)])
 def test_a_mean_next_to_the_middle_of_the_limits_is_the_middle(mean, is_held) -> None:
-    logged = np.clip(mean + np.linspace(-0.2, 0.2, 100), 0.0, 1.0)[None]
-    model = SimpleNamespace(
-        system=SimpleNamespace(inputs=[Input("force_n", "N", low=0.0, high=1.0)]),
-        logs=[SimpleNamespace(inputs=logged)],
-    )
-    centres = _centres(model, ("force_n",), 0.5)
+    limits = {"force_n": (0.0, 1.0, mean)}
+    centres = _centres(limits, ("force_n",), 0.5)
     assert len(centres) == (2 if is_held else 1)
     assert centres[0] == {"force_n": 0.5}
     assert centres[-1]["force_n"] == pytest.approx(0.7 if is_held else 0.5)
-    assert _centres(model, ("force_n",), 1.0) == [{"force_n": 0.5}]  # has no room for another
+    assert _centres(limits, ("force_n",), 1.0) == [{"force_n": 0.5}]  # has no room for another
+
+
+def test_an_input_about_the_mean_stands_beside_the_same_about_the_middle_if_it_lasts_longer():
+    """Which of both tells more is not decided by how long they last."""
+    middle, longer, as_long = (
+        Option(MENU[0], ("force_n",), share, seconds, 0.0, {}, {"force_n": 0.5}, is_held)
+        for share, seconds, is_held in ((1.0, 8.0, False), (0.03, 60.0, True), (0.03, 8.0, True))
+    )
+    assert _worth_judging([middle, longer]) == [middle, longer]
+    assert _worth_judging([as_long, middle]) == [middle]
+    assert _worth_judging([longer]) == [longer]
 
 
 @pytest.mark.whole

@@ -175,30 +175,41 @@ def _imagined(model: LogModel, base: Fit, samples: int) -> list[Option]:
 
     All are simulated side by side; those are left out that drive outputs too far at once.
     """
+    limits = _limits(model)
     tried = [
-        (*candidate, share, about)
-        for candidate, share in itertools.product(_candidates(model), _SHARES)
-        for about in _centres(model, candidate[1], share)
+        (excitation, moved, share, about, is_held)
+        for (excitation, moved), share in itertools.product(_candidates(model), _SHARES)
+        for is_held, about in enumerate(_centres(limits, moved, share))
     ]
-    each = [_columns(model, *one, samples) for one in tried]
+    each = [
+        _columns(model, limits, excitation, moved, share, about, samples)
+        for excitation, moved, share, about, _ in tried
+    ]
     columns = {i.name: np.array([driven[i.name] for driven in each]) for i in model.system.logged}
     shown = imagined(model, base, columns)
     longest: dict[tuple[str, tuple[str, ...], bool], Option] = {}
-    for k, (excitation, moved, share, about) in enumerate(tried):
+    for k, (excitation, moved, share, about, is_held) in enumerate(tried):
         outputs = {name: rows[k] for name, rows in shown.items()}
-        stays, is_held = _stays(model, outputs), about != _centres(model, moved, share)[0]
-        key = (excitation.name, moved, is_held)
+        stays, key = _stays(model, outputs), (excitation.name, moved, bool(is_held))
         known = longest.get(key)
         if stays >= _SHORTEST and (known is None or stays * model.dt_s > known.seconds):
             cut = {n: v[:stays] for n, v in (each[k] | outputs).items()}
             longest[key] = Option(
-                excitation, moved, share, stays * model.dt_s, 0.0, cut, about, is_held
+                excitation, moved, share, stays * model.dt_s, 0.0, cut, about, bool(is_held)
             )
-    lasts = {key: option.seconds for key, option in longest.items()}
+    return _worth_judging(list(longest.values()))
+
+
+def _worth_judging(options: Sequence[Option]) -> list[Option]:
+    """Without inputs about a mean that last no longer than the same about the middle.
+
+    Those that do are judged beside it: a small one that lasts may tell less than a large one.
+    """
+    plain = {(o.excitation.name, o.moved): o.seconds for o in options if not o.is_held}
     return [
-        option
-        for (name, moved, is_held), option in longest.items()
-        if not is_held or option.seconds > lasts.get((name, moved, False), 0.0)
+        o
+        for o in options
+        if not o.is_held or o.seconds > plain.get((o.excitation.name, o.moved), 0.0)
     ]
 
 
@@ -214,25 +225,27 @@ def _limits(model: LogModel) -> dict[str, tuple[float, float, float]]:
     return found
 
 
-def _centres(model: LogModel, moved: tuple[str, ...], share: float) -> list[dict[str, float]]:
+def _centres(
+    limits: Mapping[str, tuple[float, float, float]], moved: tuple[str, ...], share: float
+) -> list[dict[str, float]]:
     """About what inputs move: the middles of their limits, and what the logs hold on average.
 
     Buoyancy or a weight alone carries many a system away from the middle. It stayed where it is
     while the logs were recorded, so that on average it was held. As near to that as this share of
     the limits allows, where it is not next to the middle anyway.
     """
-    middle, mean = {}, {}
+    middle, mean, is_apart = {}, {}, False
     for name in moved:
-        low, high, held = _limits(model)[name]
+        low, high, held = limits[name]
         middle[name], off = 0.5 * (low + high), (1.0 - share) * 0.5 * (high - low)
         mean[name] = middle[name] + float(np.clip(held - middle[name], -off, off))
-    reach = {name: high - low for name, (low, high, _) in _limits(model).items()}
-    apart = (abs(mean[name] - middle[name]) > _NEXT_TO * reach[name] for name in moved)
-    return [middle, mean] if any(apart) else [middle]
+        is_apart |= abs(mean[name] - middle[name]) > _NEXT_TO * (high - low)
+    return [middle, mean] if is_apart else [middle]
 
 
 def _columns(
     model: LogModel,
+    limits: Mapping[str, tuple[float, float, float]],
     excitation: Excitation,
     moved: tuple[str, ...],
     share: float,
@@ -240,7 +253,7 @@ def _columns(
     samples: int,
 ) -> dict[str, FloatArray]:
     """Inputs (n,) by name; what is not moved stays at its logged mean."""
-    columns, limits = {}, _limits(model)
+    columns = {}
     for i, stated in enumerate(model.system.inputs):
         if stated.name not in limits:
             continue
