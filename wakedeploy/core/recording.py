@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wakedeploy.core.errors import UnusableInput
-
-_JITTER = 0.5  # of the usual step
+from wakedeploy.core.even_time import unevenness
 
 
 @dataclass(frozen=True)
@@ -75,16 +74,15 @@ class Recording:
             raise UnusableInput(
                 f"{self.name}: time_s holds what is no number; leave those samples out."
             )
-        steps = np.diff(self.time_s)
-        usual = float(np.median(steps))
-        is_even = (steps > 0.0) & (np.abs(steps - usual) <= _JITTER * usual)
-        if not is_even.all():
-            at = int(np.argmin(is_even))
+        at = unevenness(self.time_s)
+        if at is not None:
+            steps = np.diff(self.time_s)
+            usual = float(np.median(steps))
             beside = f", and {usual:.4g} s is usual" if usual > 0.0 else ""
             raise UnusableInput(
-                f"{self.name}: time_s does not rise in equal steps: from sample {at} to {at + 1} "
-                f"it goes by {steps[at]:.4g} s{beside}; cut the recording there, or read its log "
-                "by a columns.toml with [resample]."
+                f"{self.name}: time_s does not rise in equal steps: from sample {at - 1} to {at} "
+                f"it goes by {steps[at - 1]:.4g} s{beside}; cut the recording there, or read its "
+                "log by a columns.toml with [resample]."
             )
 
     def __repr__(self) -> str:

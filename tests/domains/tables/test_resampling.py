@@ -10,11 +10,9 @@ from scipy.signal import butter, sosfilt
 from wakedeploy.domains.tables.resampling import (
     averaged,
     even_ticks,
-    evened,
     held,
     interpolated,
     low_passed,
-    unevenness,
 )
 
 Vector = NDArray[np.float64]
@@ -114,18 +112,6 @@ def test_the_filter_keeps_what_is_below_its_cut_off_from_folding() -> None:
     ticks_s = np.arange(1900) / 400
     assert held(stamps_s, hum, ticks_s).std() > 0.7
     assert low_passed(stamps_s, hum, ticks_s, 40.0)[100:].std() < 0.01
-
-
-def test_steps_are_even_up_to_half_of_one() -> None:
-    stamps_s = np.arange(100) / 100
-    assert unevenness(stamps_s) is None
-    late = stamps_s.copy()
-    late[40] += 0.0045
-    assert unevenness(late) is None
-    assert unevenness(np.delete(stamps_s, 40)) == 40
-    jittery = stamps_s + np.random.default_rng(0).uniform(-0.002, 0.002, 100)
-    assert np.abs(evened(jittery) - stamps_s).max() < 0.001
-    np.testing.assert_allclose(np.diff(evened(jittery)), np.diff(evened(jittery))[0], rtol=1e-9)
 
 
 def test_the_mean_over_a_tick_is_that_of_a_sine_and_keeps_hum_from_folding() -> None:

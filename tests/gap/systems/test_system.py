@@ -419,6 +419,15 @@ def test_a_log_that_is_no_csv_file_is_answered_with_the_way_in(tmp_path):
         read_plain(tmp_path / "absent.csv", Axis())
 
 
+def test_a_log_whose_times_are_rounded_keeps_its_rate(tmp_path):
+    """At 128 Hz most steps of whole milliseconds are 8, and 1 / 8 ms is another rate."""
+    time_s = np.arange(600) / 128
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{t:.3f},0,0\n" for t in time_s)
+    path.write_text("time_s,force_n,position_m\n" + rows)
+    np.testing.assert_allclose(read_plain(path, Axis()).time_s, time_s, atol=1e-3)
+
+
 class Crane(System):
     """A load on a rope whose logged length divides: never 0, but nothing says so."""
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.even_time import evened, unevenness
 from wakedeploy.core.recording import Origin, Recording
 from wakedeploy.core.units import contradicted, same_dimension
 from wakedeploy.domains.tables.columns import Column, Columns
@@ -38,7 +39,7 @@ from wakedeploy.domains.tables.pieces import (
     longest_silence,
 )
 from wakedeploy.domains.tables.remarks import Remarks, mark_in
-from wakedeploy.domains.tables.resampling import even_ticks, evened, unevenness
+from wakedeploy.domains.tables.resampling import even_ticks
 from wakedeploy.domains.tables.series import Place, Series
 from wakedeploy.domains.tables.stamps import (
     Timeline,

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.even_time import unevenness
 from wakedeploy.domains.tables.guess_rate import usual_hz
 from wakedeploy.domains.tables.guess_time_unit import LARGEST, time_unit, unit_in
 from wakedeploy.domains.tables.log import Field, Log, Values
-from wakedeploy.domains.tables.resampling import unevenness
 from wakedeploy.domains.tables.stamps import (
     as_floats,
     as_numbers,

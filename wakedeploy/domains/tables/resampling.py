@@ -150,25 +150,6 @@ def averaged(stamps_s: Vector, values: Vector, ticks_s: Vector) -> Vector:
     return np.where(is_covered, mean, interpolated(stamps_s, values, ticks_s))
 
 
-def unevenness(stamps_s: Vector) -> int | None:
-    """The sample after the first step that is not even; None where all are.
-
-    A step may be off by half of the mean one: then no sample is nearer to another's place.
-    """
-    steps_s = np.diff(stamps_s)
-    usual_s = float(np.median(steps_s))
-    uneven = np.abs(steps_s - usual_s) > 0.5 * usual_s
-    return int(np.argmax(uneven)) + 1 if uneven.any() else None
-
-
-def evened(stamps_s: Vector) -> Vector:
-    """The even stamps that are nearest to some that are even but for their jitter."""
-    numbers = np.arange(len(stamps_s)) - 0.5 * (len(stamps_s) - 1)
-    middle_s = float(stamps_s.mean())
-    step_s = float(numbers @ (stamps_s - middle_s) / (numbers @ numbers))
-    return np.asarray(middle_s + step_s * numbers, dtype=np.float64)
-
-
 def _count(start_s: float, end_s: float, rate_hz: float) -> int:
     """How many ticks lie within a piece, forgiving a millionth of a step."""
     return max(0, int(np.floor((end_s - start_s) * rate_hz + 1e-6)) + 1)

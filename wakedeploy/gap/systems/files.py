@@ -12,6 +12,7 @@ from types import CodeType, ModuleType
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.even_time import evened, unevenness
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.formats.cells import is_missing, is_number
 from wakedeploy.gap.systems.calls import attempted
@@ -99,13 +100,11 @@ def read_plain(path: Path, system: System) -> Recording:
             raise UnusableInput(
                 f"{path}: column {name!r} has numbers beyond ±{_LARGEST:g}; mend the file."
             )
-    steps = np.diff(time_s)
-    if not np.all((steps > 0.0) & (np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps))):
+    if unevenness(time_s) is not None:
         raise UnusableInput(
             f"{path}: time_s does not rise evenly; say by --columns how to resample it."
         )
-    even = time_s[0] + np.median(steps) * np.arange(len(time_s))
-    return Recording(path.stem, even, columns)
+    return Recording(path.stem, evened(time_s), columns)
 
 
 def _refuse_text(
