@@ -116,8 +116,8 @@ def test_what_is_left_is_said_on_the_first_screen_where_forecasts_could_gain_by_
 
 @pytest.mark.parametrize(("share", "is_said"), [(6.6, True), (0.2, False)])
 def test_a_push_of_most_of_what_acts_is_said_beside_a_name(share: float, is_said: bool) -> None:
-    push = {"state": "speed_mps", "sd": 1.0, "unit": "m/s²", "lasts_s": 0.1, "share": share,
-            "matters": True}  # fmt: skip
+    push = {"state": "speed_mps", "sd": 1.0, "unit": "m/s²", "lasts_s": 0.1, "matters": True}
+    push |= {"share": share, "of_parts": share}
     said = first_screen(result(unexplained=[push]))[2]
     assert said.startswith("How sure is that?")
     something = "Something else acts, too: a push on speed_mps of 660 % of its usual rate is left"

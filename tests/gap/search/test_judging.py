@@ -423,7 +423,14 @@ def test_a_stretch_that_runs_away_from_both_is_no_share_of_the_gap():
 
 
 def _left(**changed):
-    push = {"state": "speed_mps", "sd": 1.0, "unit": "m/s/s", "lasts_s": 0.1, "share": 0.2}
+    push = {
+        "state": "speed_mps",
+        "sd": 1.0,
+        "unit": "m/s/s",
+        "lasts_s": 0.1,
+        "share": 0.2,
+        "of_parts": 0.2,
+    }
     return Leftover(**push | {"matters": False} | changed)
 
 

@@ -168,9 +168,11 @@ class Law(Part):
 class Leftover(Part):
     """A push on a state's rate that nothing explains: its sd, and its share of the usual rate.
 
-    `law` is the most evident function of one coordinate that it follows; `matters` says whether
-    the push shows that something unknown is missing. `not_offered` are kinds of effect that could
-    act there but that the system's port leaves out; without a port (`has_port`) none can.
+    `of_parts` is its share of what the rate would be if its parts did not hold against each other,
+    as a servo's spring does against its command. `law` is the most evident function of one
+    coordinate that it follows; `matters` says whether the push shows that something unknown is
+    missing. `not_offered` are kinds of effect that could act there but that the system's port
+    leaves out; without a port (`has_port`) none can.
     """
 
     state: str
@@ -178,6 +180,7 @@ class Leftover(Part):
     unit: str
     lasts_s: Number
     share: Number
+    of_parts: Number
     against: Followed | None = None
     law: Law | None = None
     matters: bool

@@ -17,7 +17,7 @@ LAW = {"coordinate": "yaw_rad", "by_direction": False, "removes": 0.5, "low": 0.
 
 def push(state: str = "speed_mps", **changed: object) -> dict[str, object]:
     return {"state": state, "sd": 0.45, "unit": "m/s/s", "lasts_s": 4.7, "share": 0.5,
-            "matters": True} | changed  # fmt: skip
+            "of_parts": 0.4, "matters": True} | changed  # fmt: skip
 
 
 def unknown(**changed: object):
@@ -85,6 +85,13 @@ def test_a_push_that_follows_a_coordinate_without_a_law_contradicts_nothing(foll
     assert line.startswith("But forecasts bear out no law" if follows else "No law over one")
 
 
+def test_a_push_that_a_servo_holds_against_is_not_more_than_the_system_does() -> None:
+    """A joint stands still between its spring and dry friction, and its rate is next to nothing."""
+    held = result(unexplained=[push(share=2.06, of_parts=0.18)])
+    assert "units" not in next_step(held)
+    assert "fewer than one search in twenty" in first_screen(held)[2]
+
+
 def test_too_many_rivals_are_told_apart_by_an_input() -> None:
     rivals = ["a@x", "b@x", "c@x", "d@x"]
     answer = unknown(**{"class": rivals})
@@ -105,14 +112,14 @@ def test_a_push_larger_than_the_system_itself_sends_one_to_units_first(effects) 
     """A depth in cm was named a lag of its sensor, with forecasts that get surely better by it."""
     given = (Path("r.py"), [Path("a.csv")], Path("c.toml"), Path("gap"))
     usual = result(unexplained=[push(share=0.91)], **effects)
-    doubted = result(unexplained=[push("yaw"), push(share=5.48)], **effects)
+    doubted = result(unexplained=[push("yaw"), push(share=5.48, of_parts=5.0)], **effects)
     step, after = next_step(usual), next_commands(usual, *given)
     assert "unit" not in step
     assert next_step(doubted).startswith("First check units, signs and columns: `gap check` prints")
     assert "left on speed_mps is more than all that the system itself does" in next_step(doubted)
     check = "wakedeploy gap check r.py --measured a.csv --columns c.toml"
     assert next_commands(doubted, *given) == [check, *after]
-    moved = {"unexplained": [push(share=5.48)], "moved": {"mass_kg": 9.0}}
+    moved = {"unexplained": [push(share=5.48, of_parts=5.0)], "moved": {"mass_kg": 9.0}}
     mass = {"value": 9.0, "low": 8.0, "high": 9.5, "unit": "kg"}
     bent = result(**moved, constants={"mass_kg": mass}, stated={"mass_kg": 1.0}, **effects)
     assert next_step(bent).startswith("Check what was moved, and the units")
@@ -121,7 +128,7 @@ def test_a_push_larger_than_the_system_itself_sends_one_to_units_first(effects) 
 def test_a_name_beside_such_a_push_is_not_said_to_be_sure() -> None:
     sure = "fewer than one search in twenty finds something this clear"
     assert sure in first_screen(result(unexplained=[push(share=0.91)]))[2]
-    said = first_screen(result(unexplained=[push(share=5.48)]))[2]
+    said = first_screen(result(unexplained=[push(share=5.48, of_parts=5.0)]))[2]
     assert sure not in said
     assert said.startswith("How sure is that? Not before units, signs and columns are known to be")
     assert "a push on speed_mps of 548 % of its usual rate is left" in said

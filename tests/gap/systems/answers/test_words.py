@@ -309,7 +309,14 @@ def test_constants_as_fitted_stand_in_the_details() -> None:
 def test_no_unit_stands_behind_a_pure_number(unit: str) -> None:
     follows = {"coordinate": "command", "unit": unit, "share": 0.6}
     against = {**follows, "edges": [-1.2, 0.0, 1.8], "means": [-3.0, 2.0]}
-    push = {"state": "spin", "sd": 1.0, "unit": "1/s", "lasts_s": 0.7, "share": 5.0}
+    push = {
+        "state": "spin",
+        "sd": 1.0,
+        "unit": "1/s",
+        "lasts_s": 0.7,
+        "share": 5.0,
+        "of_parts": 5.0,
+    }
     lines = told({"a": (1.0, 0.1)}, unexplained=[{**push, "matters": True, "against": against}])
     (said,) = [line for line in lines if "It follows command" in line]
     assert said.endswith("from −3 1/s at −1.2 to +2 1/s at 1.8.")

@@ -138,7 +138,14 @@ def test_the_likelihood_is_a_kalman_filter_s_that_sees_every_fifth_reading():
 
 
 def _push(**changed):
-    push = {"state": "speed_mps", "sd": 1.0, "unit": "m/s/s", "lasts_s": 0.3, "share": 0.1}
+    push = {
+        "state": "speed_mps",
+        "sd": 1.0,
+        "unit": "m/s/s",
+        "lasts_s": 0.3,
+        "share": 0.1,
+        "of_parts": 0.1,
+    }
     return Leftover(**push, **changed)
 
 

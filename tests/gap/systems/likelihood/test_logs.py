@@ -285,6 +285,28 @@ def test_first_guesses_and_forecasts_are_without_far_strays():
     assert f"output position_m: {strays.sum()} readings that stood alone, far from" in note
 
 
+class Servo(Mass):
+    """A joint that its spring holds at a command."""
+
+    inputs = [Input("command_m", "m")]
+    ports = [Port.input("command_m"), Port.force("speed_mps")]
+
+    def derivative(self, state, inputs, c):
+        pull = 400.0 * (inputs.command_m - state.position_m) - 40.0 * state.speed_mps
+        return {"position_m": state.speed_mps, "speed_mps": pull}
+
+
+def test_parts_of_a_rate_are_those_that_hold_against_each_other():
+    """Of a joint that follows a slow sine, 400 (0.5² + 0.5²)^½, although its rate is near 0."""
+    time_s = np.arange(2000) / 100.0
+    command_m = np.sin(2.0 * np.pi * 0.1 * time_s) / np.sqrt(2.0)
+    columns = {"command_m": command_m, "position_m": command_m}
+    sizes = LogModel(Servo(), [Recording("slow", time_s, columns)]).sizes
+    assert sizes["d speed_mps"] < 15.0
+    assert sizes["parts speed_mps"] == pytest.approx(400.0 * np.sqrt(0.5), rel=0.05)
+    assert sizes["parts position_m"] == pytest.approx(sizes["d position_m"])
+
+
 def test_a_fast_event_is_no_stray_and_no_more_are_left_out_than_stated():
     """A ring-down of half a metre at 12 Hz, amid rest: 77 of its readings were once left out."""
     rng, rows = np.random.default_rng(0), np.arange(4000)

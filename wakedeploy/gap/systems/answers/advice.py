@@ -10,7 +10,7 @@ from wakedeploy.gap.wording import listed
 
 _PAGE = "docs/how-to/unknown.md#of-a-system-of-your-own"
 _OWN_EFFECT = "docs/how-to/own-effect.md#an-effect-for-any-system"
-_ALL_OF_IT = 1.0  # of a rate: a larger push is more than all that the system itself does
+_ALL_OF_IT = 1.0  # of a rate or its parts: more than all that the system itself does
 _ALL = (
     f"All ways on are in {_PAGE}: units and samples, constants, kinds, the equations, another log, "
     "half of the log, uneven noise."
@@ -49,13 +49,15 @@ def pushes_left(answer: Answer) -> str:
 def outweighs(answer: Answer) -> Leftover | None:
     """The push that is more than all that the system itself does to a rate; of several the largest.
 
-    A force that nobody thought of is rarely that large, a column in another unit often is. None
-    where constants say so already, and where forecasts show that the equations are wrong.
+    A force that nobody thought of is rarely that large, a column in another unit often is. A rate
+    of which parts hold against each other, as those of a stiff servo, says little of what the
+    system does: the push has to be more than the parts, too. None where constants say so already,
+    and where forecasts show that the equations are wrong.
     """
-    first = next(iter(_by_share(answer)), None)
-    if first is None or answer.moved or answer.is_outdone or first.share <= _ALL_OF_IT:
+    if answer.moved or answer.is_outdone:
         return None
-    return first
+    larger = (p for p in _by_share(answer) if min(p.share, p.of_parts) > _ALL_OF_IT)
+    return next(larger, None)
 
 
 def units_first(answer: Answer) -> str:

@@ -52,6 +52,7 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
             unit=unit,
             lasts_s=lasts_s,
             share=share,
+            of_parts=sd / model.sizes[f"parts {name}"],
             matters=True,
             not_offered=not_offered(model.system, name, model.sizes),
             has_port=any(p.role == "force" and p.name == name for p in model.system.ports),

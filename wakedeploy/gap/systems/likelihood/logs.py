@@ -550,6 +550,8 @@ class LogModel(ComparisonDefaults):
     def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
         """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
 
+        `parts …` is the size of a rate whose parts, one of each input and state, do not hold
+        against each other.
         `least …` is how near to 0 an input or a known state comes; `turns …` is 1 if it changes its
         sign, else 0. `largest …` is how far from 0 an input goes; `lowest …` and `highest …` are
         the ends of a known state. `y …` is the size about an output's mean; `top …` and `bottom …`
@@ -582,10 +584,14 @@ class LogModel(ComparisonDefaults):
                 low, high = np.quantile(row, [1.0 - _ENDS, _ENDS])
                 sizes |= {f"lowest {name}": float(low), f"highest {name}": float(high)}
         rates = self.rates_at(states, inputs)
+        taken_apart = self.rates_at(*_at_other_times(states, inputs))
+        apart = np.sqrt(np.mean(taken_apart**2, axis=1))
         for i, name in enumerate(self.system.states):
             moved = np.concatenate([np.gradient(g[i], self.dt_s) for g in guessed])
             size = float(np.sqrt(np.mean(rates[i] ** 2)))
             sizes[f"d {name}"] = size if size > 0.0 and np.isfinite(size) else _usual(moved)
+            parts = float(apart[i]) if np.isfinite(apart[i]) else 0.0
+            sizes[f"parts {name}"] = max(parts, sizes[f"d {name}"])
         return sizes
 
     def rates_at(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
@@ -620,6 +626,12 @@ class LogModel(ComparisonDefaults):
     def _record(self, block: Block) -> Record:
         cut = slice(block.start, block.stop)
         return Record(block.name, self._time_s(block), self.logs[block.log].outputs[:, cut])
+
+
+def _at_other_times(*columns: FloatArray) -> list[FloatArray]:
+    """The same columns, (n, N) and (i, N), each of their rows in an order of its own."""
+    rng = np.random.default_rng(0)
+    return [rng.permuted(each, axis=1) for each in columns]
 
 
 def _newest(read: FloatArray, before: FloatArray) -> FloatArray:
