@@ -46,7 +46,8 @@ class Rules:
         unknown_push: Share of a rate from which a lasting push that nothing explains is something
             unknown, whatever it follows: the model then knows less than two thirds of what acts.
         surely_share: An effect that surely removes more than this share of the squared error is
-            named, also where forecasts that ask no model are better than those with it.
+            named, also where forecasts that ask no model are better than those with it, and where
+            loud moments or a single block might have brought what it gains.
         most_effects: More than these are not named in one answer. A kind at several ports alike
             counts once: a robot with four motors has four lags.
         most_named: Nor more than these, however alike.

@@ -17,9 +17,12 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search import judging, rounds, scan, weighing, withdrawal
 from wakedeploy.gap.search.artefacts import Forecast, Leftover, Ranked, Round
 from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.needed_gain import Chance
 from wakedeploy.gap.search.outcome import (
     ACCEPTED,
+    CHANCE,
     HARDLY,
+    ONE_BLOCK,
     OUTDONE,
     SUPERFLUOUS,
     TRIFLE,
@@ -532,7 +535,7 @@ def settling(monkeypatch):
     """Nothing is fitted again, and everything is something."""
     monkeypatch.setattr(rounds, "settled", lambda model, fit: (fit, True))
     monkeypatch.setattr(rounds, "candidate", lambda base, name, fit, model: name)
-    monkeypatch.setattr(rounds, "_is_something", lambda effect, searched: True)
+    monkeypatch.setattr(rounds, "_is_something", lambda effect, weight, searched: True)
     for stub in ("parameters", "least_squares", "errors"):
         monkeypatch.setattr(rounds, stub, lambda *given: {})
 
@@ -586,6 +589,7 @@ def test_what_was_judged_beside_a_superfluous_effect_is_judged_again_without_it(
 
     squares = {(): np.ones((9, 1)), ("c",): np.full((9, 1), left)}
     monkeypatch.setattr(judging, "crossed", lambda model, fitted: squares[fitted.hypothesis])
+    monkeypatch.setattr(withdrawal, "crossed", lambda model, fitted: np.ones((9, 1)))
     monkeypatch.setattr(judging, "_ahead", ahead)
     chance = Ranked(
         name="a", gain_nats=1.0, needed_nats=4.0, interval=(1.0, 9.0), parameters={}, note=""
@@ -691,6 +695,30 @@ def test_sealed_blocks_say_with_the_others_whether_no_model_forecasts_better(
         held=lambda episodes: [[np.full((1, 198), (s / 2.0) ** 0.5)] * 2 for s in (1.0, 9.0)],
     )
     assert is_outdone(model, SimpleNamespace(episodes=(0,))) == outdone
+
+
+@pytest.mark.parametrize(
+    ("gains", "left", "why"),
+    [
+        ([30.0, *7 * [0.2]], 0.2, ACCEPTED),
+        ([30.0, *7 * [0.2]], 0.8, ONE_BLOCK),
+        (8 * [1.0], 0.2, ACCEPTED),
+        (8 * [1.0], 0.8, CHANCE),
+        (8 * [0.3], 0.2, CHANCE),
+    ],
+)
+def test_what_surely_removes_most_of_the_error_owes_it_to_no_single_block(
+    monkeypatch, gains, left, why
+):
+    """A servo's weight: a push that lasts takes it up in all blocks but the first."""
+    model = Linear({"gain": 0.4, "c": 0.6})
+    found = fit(model, ("c",), range(model.episodes))
+    before = np.linspace(1.0, 1.2, 9)[:, None]
+    monkeypatch.setattr(rounds, "crossed", lambda model, fitted: left * before)
+    effect = Candidate("c", found, np.array(gains))
+    verdict = rounds._judged(model, before, before, effect, 20.0, Chance(20.0, 3.0))
+    assert verdict.why == why
+    assert (verdict.weight is None) == (why == CHANCE)
 
 
 @pytest.mark.parametrize(("named", "rivals", "goes_on"), [((), 4, True), (("a",), 4, False),

@@ -227,7 +227,8 @@ def test_an_effect_whose_size_may_be_nothing_is_not_named(size, something):
     base, larger = fit(model, (), episodes), fit(model, ("c",), episodes)
     assert is_nothing(larger, "c") != something
     searched = Round(given=[], threshold_nats=-100.0, steady_nats=-100.0, ranking=[])
-    assert _is_something(candidate(base, "c", larger), searched) == something
+    little = Weight(0.1, 0.0, 0.2)
+    assert _is_something(candidate(base, "c", larger), little, searched) == something
 
 
 def test_an_effect_of_no_size_is_not_what_a_fit_rises_by():

@@ -22,7 +22,7 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.alike_ports import Twins, askable, room_for, twins
 from wakedeploy.gap.search.artefacts import Forecast, Ranked, Round
 from wakedeploy.gap.search.comparison import Comparison, errors
-from wakedeploy.gap.search.needed_gain import is_shared, needed_nats
+from wakedeploy.gap.search.needed_gain import Chance, is_shared, needed_nats
 from wakedeploy.gap.search.outcome import (
     ACCEPTED,
     CHANCE,
@@ -98,7 +98,7 @@ def _judged_round(
     begun = crossed(model, outcome.base) if found.hypothesis else before
     needed = [needed_nats(effect, chance, len(ranking)) for effect in ranking]
     verdicts = [
-        _judged(model, begun, before, effect, nats)
+        _judged(model, begun, before, effect, nats, chance)
         for effect, nats in zip(ranking[:_TRIED], needed, strict=False)
     ]
     verdicts += [Verdict(effect, "") for effect in ranking[_TRIED:]]
@@ -116,7 +116,12 @@ def _judged_round(
 
 
 def _judged(
-    model: Comparison, begun: FloatArray, before: FloatArray, effect: Candidate, needed: float
+    model: Comparison,
+    begun: FloatArray,
+    before: FloatArray,
+    effect: Candidate,
+    needed: float,
+    chance: Chance,
 ) -> Verdict:
     """Why a candidate is not named, or "accepted"; it has to gain what is `needed` [nats].
 
@@ -124,16 +129,22 @@ def _judged(
     to matter as a share of the base's errors: no form is exact, and once nearly all of a gap is
     closed, every trifle is a large share of the rest. A finer law of a friction that was found has
     to matter more than that; if it does not, whether it improves forecasts is chance.
+
+    An effect that surely removes most of the error owes that to no loud moment and to no single
+    block: it only has to gain more than quiet noise brings by `chance`. A push that lasts takes up
+    a constant force in each block but the first, and so nats say little of one.
     """
     known = effect.fit.hypothesis[:-1]
-    if effect.gain_nats <= needed:
+    if effect.gain_nats <= min(needed, chance.without_loud_nats):
         return Verdict(effect, CHANCE)
     if is_absent(effect.fit, effect.name):
         return Verdict(effect, NO_SIZE)  # its gain is what the fit before it had left to rise
     squares = crossed(model, effect.fit)
     weight = weight_of(before, squares)
     gained = share_of_gap(begun, before, squares)
-    if not is_shared(effect, needed):
+    if effect.gain_nats <= needed and not weight.is_most:
+        return Verdict(effect, CHANCE)
+    if not (is_shared(effect, needed) or weight.is_most):
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif gained < RULES.least_share and any(refines(model, effect.name, n) for n in known):
         why = REFINES
@@ -296,7 +307,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
             return None
         better, still = settled(model, effect.fit)
         follows = candidate(outcome.found, effect.name, better, model)
-        if not _is_something(follows, searched):
+        if not _is_something(follows, weight, searched):
             why = NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK
             searched = outcome.rounds[-1] = marked(searched, effect.name, why)
             continue
@@ -308,10 +319,10 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
     return None
 
 
-def _is_something(effect: Candidate, searched: Round) -> bool:
+def _is_something(effect: Candidate, weight: Weight, searched: Round) -> bool:
     """Whether more than one block gains, and size, gain or blocks exclude that nothing is there."""
     needed = needed_nats(effect, chance_of(searched), len(searched.ranking))
-    return is_shared(effect, needed) and (
+    return (is_shared(effect, needed) or weight.is_most) and (
         not is_nothing(effect.fit, effect.name)
         or effect.gain_interval()[0] > 0.0
         or is_steady(np.asarray(effect.gains))
@@ -335,8 +346,9 @@ def _twins(
         return None
     best, *others = fitted
     begun, before = crossed(model, outcome.base), crossed(model, found)
-    nats = needed_nats(best.candidate, chance_of(searched), len(needed))
-    verdict = _judged(model, begun, before, best.candidate, nats)
+    chance = chance_of(searched)
+    nats = needed_nats(best.candidate, chance, len(needed))
+    verdict = _judged(model, begun, before, best.candidate, nats, chance)
     singles = [v.candidate for v in verdicts if v.why == ACCEPTED]
     is_needed = not any(rivals_with(best.candidate, single) for single in singles)
     if verdict.why != ACCEPTED or verdict.weight is None or not is_needed:

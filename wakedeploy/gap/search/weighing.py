@@ -39,6 +39,11 @@ class Weight:
         """
         return self.share >= RULES.least_share and self.share + self.low > 0.0
 
+    @property
+    def is_most(self) -> bool:
+        """Whether it surely removes most of the error."""
+        return self.low > RULES.surely_share
+
 
 def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> Weight:
     """The weight on blocks that neither fit has seen."""

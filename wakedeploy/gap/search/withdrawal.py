@@ -21,7 +21,7 @@ from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, chance_o
 from wakedeploy.gap.search.rivalry import is_nothing, sizes_of
 from wakedeploy.gap.search.size_bounds import profiled
 from wakedeploy.gap.search.sizes import joined_sizes
-from wakedeploy.gap.search.weighing import helps
+from wakedeploy.gap.search.weighing import crossed, helps, weight_of
 
 _ALIKE = 0.2  # cosine of what two effects change
 
@@ -31,7 +31,8 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
 
     What was named first took what is another's, and that one was fitted beside it. So where both
     change outputs alike, the other also begins anew. One effect is asked, not the best of many: to
-    gain steadily, it need not be steadier than the luckiest of all would be.
+    gain steadily, it need not be steadier than the luckiest of all would be. It stays, too, if
+    forecasts surely lose most of what they are by it.
     """
     found = outcome.found
     if not outcome.rounds:
@@ -45,7 +46,8 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
         again = candidate(without, name, found, model)
         needed = needed_nats(again, chance, alarms=RULES.false_alarms)
         if again.gains.sum() <= needed or not is_shared(again, needed):
-            found = without
+            lost = weight_of(crossed(model, without), crossed(model, found))
+            found = found if lost.is_most else without
     return left_of(outcome, found)
 
 
