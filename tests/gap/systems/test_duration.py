@@ -44,7 +44,12 @@ def model_of(cart: type[Cart]) -> LogModel:
 
 @pytest.mark.parametrize(
     ("passes_s", "said"),
-    [(0.01, ""), (2.0, "3 minutes"), (16.0, "30 minutes"), (64.0, "2 hours")],
+    [
+        (0.01, ("", "")),
+        (0.1, ("20 seconds", "3 minutes")),
+        (1.0, ("3 minutes", "30 minutes")),
+        (16.0, ("an hour", "8 hours")),
+    ],
 )
 def test_a_search_that_takes_long_is_said_before_with_what_shortens_it(
     monkeypatch, passes_s, said
@@ -59,22 +64,24 @@ def test_a_search_that_takes_long_is_said_before_with_what_shortens_it(
         _is_said(model_of(cart), passes_s, why, said)
 
 
-def _is_said(model: LogModel, passes_s: float, why: str, said: str) -> None:
-    effects, parameters = len(model.library), len(model.free(()))
-    lasts_s = 2.0 * (35.0 + 0.6 * effects) * parameters * passes_s / 8.0
+def _is_said(model: LogModel, passes_s: float, why: str, said: tuple[str, str]) -> None:
+    effects = len(model.library)
+    least, most = said
     notes = long_search(model)
-    if not said:
+    if not most:
         assert notes == []
         return
-    assert said == duration._rounded(lasts_s)
+    for told, sets in ((least, 100.0), (most, 1000.0)):
+        assert told == duration._rounded(sets * effects * passes_s / 8.0)
     many = f"(2 states, {effects} effects)"
-    assert f"about {said} here {many}{why}, and several times as long if several" in notes[0]
+    assert f"between {least} and {most} here {many}{why}: the more, the more is" in notes[0]
     assert "spread=0" in notes[0]
 
 
 @pytest.mark.parametrize(
     ("seconds", "said"),
-    [(30, "a minute"), (100, "2 minutes"), (200, "3 minutes"), (300, "5 minutes"),
+    [(4, "10 seconds"), (30, "30 seconds"), (60, "a minute"), (100, "2 minutes"),
+     (200, "3 minutes"), (300, "5 minutes"),
      (500, "10 minutes"), (1750, "30 minutes"), (2600, "40 minutes"),
      (3000, "an hour"), (6000, "2 hours"), (40_000, "11 hours")],
 )  # fmt: skip
