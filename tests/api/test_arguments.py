@@ -171,6 +171,10 @@ def test_what_is_of_another_kind_is_named(folder: Path) -> None:
         lambda: wd.tune(folder, ["gru", "tcn"]), r"arch is \['gru', 'tcn'\]: give the name of one"
     )
     refused(lambda: wd.make_set(3), "'3' is no domain")
+    for strange in (3, [3], b"gru.onnx", [None]):
+        refused(lambda s=strange: wd.make_set("gantry", packages=s), "^packages is .*: give a path")
+    with pytest.raises(wd.UnusableInput, match=r"^gone\.onnx: "):  # one path, and no letters
+        wd.make_set("gantry", minutes=1, packages="gone.onnx")
     refused(lambda: wd.close_gap("rig.toml", 3, "gap"), "measured is 3")
     refused(lambda: RIG.changed(sufferer=0.5), "sufferer is 0.5: give its constants by name")
     refused(lambda: wd.with_effect(RIG, "ground-effect", gain="a", height_m=0.2), "gain is 'a'")

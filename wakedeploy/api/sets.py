@@ -1,6 +1,8 @@
 """Episode sets by their domain's name: simulated, or imported from recordings."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy.api.arguments import LEAST_MINUTES, MOST_MINUTES, in_python, real, whole
@@ -32,8 +34,8 @@ def make_set(
         seed: Every set of the same seed is the same.
         progress: Called with a stage, the episodes done and their number.
         **settings: What the domain takes beside that: for the gantry a `rig` (or its file) and
-            `packages` (paths of predictors to fly), for the downwash the `spread` of its constants
-            (0 to 0.75), for ships the `level`, "slender" or "vortex".
+            `packages` (the path of a predictor to fly, or several), for the downwash the `spread`
+            of its constants (0 to 0.75), for ships the `level`, "slender" or "vortex".
 
     Returns:
         Episodes of observations (T, d) and forces (T, o) in the units of the set's channels.
@@ -57,6 +59,8 @@ def make_set(
     )
     if "rig" in possible:
         settings["rig"] = rig_of(settings.get("rig"))
+    if "packages" in settings:
+        settings["packages"] = _paths(settings["packages"], "packages")
     progress("Simulating", 0, 1)
     steps = _steps(progress, "Simulating")
     return known.make(minutes=minutes, seed=seed, progress=steps, **settings)
@@ -110,6 +114,15 @@ def _require_settings(name: str, known: "tuple[Setting, ...]", settings: dict[st
     for setting in known:
         if setting.name in settings:
             setting.require(settings[setting.name], f"{name}: ")
+
+
+def _paths(given: object, name: str) -> tuple[Path, ...]:
+    """One path, several, or None for none of them; UnusableInput for what is no path."""
+    if given is None:
+        return ()
+    if isinstance(given, str | bytes | os.PathLike) or not isinstance(given, Iterable):
+        given = (given,)
+    return tuple(path_from(each, name) for each in given)
 
 
 def _steps(progress: Progress, stage: str) -> Callable[[int, int], None]:
