@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import re
 import signal
 import time
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from hypothesis.extra import numpy as arrays_of
 
 from wakedeploy.core import episodes, files
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet, read_episode_set, window_shape
-from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput, WakedeployError
 from wakedeploy.core.files import sha256_of
 
 FINITE = st.floats(width=32, allow_nan=False, allow_infinity=False)
@@ -333,13 +334,11 @@ def test_a_writer_that_fails_midway_leaves_the_former_set(
         path.write_bytes(data)
 
     monkeypatch.setattr(files, "_write_bytes", failing)
-    monkeypatch.setattr(
-        episodes,
-        "write_text_whole",
-        lambda path, text: failing(path.with_name(".x"), text.encode()),
-    )
-    with pytest.raises(OSError, match="No space left"):
+    monkeypatch.setattr(files, "_write_text", lambda path, text: failing(path, text.encode()))
+    with pytest.raises(WakedeployError) as told:
         small_set(seed=2).write(tmp_path)
+    place, helps = re.escape(str(tmp_path)), "free some space there, then give the same command"
+    assert re.match(rf"{place}/\S+: No space left on device; {helps}", str(told.value))
     assert_same(read_episode_set(tmp_path), small_set(seed=1))
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput, WakedeployError
 from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.core.runlog_columns import COLUMN, COLUMNS, MODES, TOPICS
 from wakedeploy.core.runlog_mcap import RunLogWriter
@@ -343,3 +343,15 @@ def test_a_misspelt_column_is_an_error_of_the_program() -> None:
 def test_missing_file_is_unusable(tmp_path: Path) -> None:
     with pytest.raises(UnusableInput, match=r"there is no such file in .*; give a run log"):
         read_run_log(tmp_path / "none.mcap")
+
+
+def test_what_cannot_be_written_is_the_librarys_own_error(tmp_path: Path) -> None:
+    log = some_log()
+    for write, end in ((log.write_mcap, "mcap"), (log.write_csv, "csv")):
+        (tmp_path / f"folder.{end}").mkdir()
+        with pytest.raises(UnusableInput, match=rf"folder\.{end}: Is a directory\.$"):
+            write(tmp_path / f"folder.{end}")
+        with pytest.raises(UnusableInput, match=r"^path is 3: give a path"):
+            write(3)
+        with pytest.raises(WakedeployError, match=r"^/dev/full: No space left on device; free"):
+            write(Path("/dev/full"))

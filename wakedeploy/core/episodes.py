@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
 from wakedeploy.core.archive import read_archive
-from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.errors import UnusableInput, one_line, own_errors
 from wakedeploy.core.files import (
     json_of,
     path_from,
@@ -180,12 +180,13 @@ class EpisodeSet:
     def write(self, folder: Path | str) -> None:
         """Write the set; a killed process leaves the set that was in `folder` before, or none.
 
-        Of two processes that write into one folder, the second waits for the first.
+        Of two processes that write into one folder, the second waits for the first. Raises
+        UnusableInput where no folder can be made or written, WakedeployError where a disk is full.
         """
         folder = path_from(folder, "folder")
         if folder.exists() and not folder.is_dir():
             raise UnusableInput(f"{folder}: is a file; give a folder for the episode set.")
-        with one_at_a_time(folder, "set", traceless=True):
+        with own_errors(), one_at_a_time(folder, "set", traceless=True):
             entries = [_write_episode(folder, episode) for episode in self.episodes]
             description = json.dumps(_document(self, entries), indent=1) + "\n"
             write_text_whole(folder / DESCRIPTION, description)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.core.errors import UnusableInput, shown
-from wakedeploy.core.files import absent
+from wakedeploy.core.errors import UnusableInput, own_errors, shown
+from wakedeploy.core.files import absent, path_from
 from wakedeploy.core.runlog_columns import (
     COLUMN,
     COLUMNS,
@@ -120,16 +120,24 @@ class RunLog:
         return Table(names, list(self.rows()), self.metadata)
 
     def write_csv(self, path: Path | str) -> None:
-        """Write `path`, and the metadata beside it as `<stem>.meta.json`."""
+        """Write `path`, and the metadata beside it as `<stem>.meta.json`.
+
+        Raises UnusableInput where no file can be written, WakedeployError where a disk is full.
+        """
         from wakedeploy.core.runlog_csv import write_csv
 
-        write_csv(self.table, Path(path))
+        with own_errors():
+            write_csv(self.table, path_from(path, "path"))
 
     def write_mcap(self, path: Path | str) -> None:
-        """Write `path` as MCAP; a killed process leaves the old file or none."""
+        """Write `path` as MCAP; a killed process leaves the old file or none.
+
+        Raises what `write_csv` does.
+        """
         from wakedeploy.core.runlog_mcap import write_mcap
 
-        write_mcap(self.table, Path(path))
+        with own_errors():
+            write_mcap(self.table, path_from(path, "path"))
 
 
 def read_run_log(path: Path | str) -> RunLog:
