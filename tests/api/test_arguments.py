@@ -156,6 +156,30 @@ def test_a_full_disk_is_the_librarys_own_error_and_a_broken_pipe_stays_one() -> 
             fail(kept)
 
 
+def raised_by_hand(*_: object) -> None:
+    raise FileNotFoundError(errno.ENOENT, "No such file or directory", "mine.txt")
+
+
+OWN_FUNCTIONS: list[Callable[[Path], object]] = [
+    lambda folder: wd.make_set("ship", minutes=0.2, progress=raised_by_hand),
+    lambda folder: wd.train(folder, "gru", epochs=1, progress=raised_by_hand),
+    lambda folder: wd.tune(folder, "gru", trials=1, out=folder / "t", on_begun=raised_by_hand),
+    lambda folder: wd.fly(seconds=1.0, tell=raised_by_hand),
+    lambda folder: wd.fly(seconds=4.0, progress=raised_by_hand),
+]
+
+
+@pytest.mark.parametrize("call", OWN_FUNCTIONS)
+def test_what_a_persons_own_function_raises_comes_out_as_it_was(
+    call: Callable[[Path], object], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("runtime.run.SHOW_PERIOD_S", 0.01)
+    with pytest.raises(FileNotFoundError) as told:
+        call(folder)
+    assert told.value.filename == "mine.txt"
+
+
 def test_a_reference_to_fly_is_a_path_as_text_too(tmp_path: Path) -> None:
     rows = ("0,0,0,1000", "1,0,0,1000", "4,0.4,0,1000", "7,0,0,1000", "8,0,0,1000")
     csv = tmp_path / "up.csv"

@@ -13,7 +13,7 @@ from typing import Any, ParamSpec, TypeVar, get_args
 
 import numpy as np
 
-from wakedeploy.core.errors import UnusableInput, WakedeployError, own_errors
+from wakedeploy.core.errors import UnusableInput, WakedeployError, callers, own_errors
 from wakedeploy.core.names import near
 
 P = ParamSpec("P")
@@ -24,7 +24,7 @@ MOST_SEEDS, MOST_TRIALS, MOST_PROCESSES = 1000, 1_000_000, 256
 LEAST_MINUTES, MOST_MINUTES = 0.1, 10_000.0  # of a simulation
 
 # Called while work goes on, from threads, too: what cannot be called is to be known before.
-_CALLED = ("progress", "tell", "warn")
+_CALLED = ("progress", "tell", "warn", "on_begun")
 
 # Options whose argument is called otherwise; all others are called alike.
 _ARGUMENTS = {
@@ -92,8 +92,10 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
         if _in_command():
             return function(*args, **kwargs)
         try:
-            for name in kwargs:
-                _require_kind(name, kwargs[name], kinds.get(name))
+            for name, value in kwargs.items():
+                _require_kind(name, value, kinds.get(name))
+                if name in _CALLED and callable(value):
+                    kwargs[name] = callers(value)
             with own_errors():
                 return function(*args, **kwargs)
         except WakedeployError as error:

@@ -484,10 +484,18 @@ def _one_flown(
 ) -> Flight:
     from runtime.run import fly as run
 
+    failed: list[Exception] = []
+
     def show(done_s: float, total_s: float) -> None:
-        progress("Flying", round(done_s), round(total_s))
+        try:
+            if not failed:
+                progress("Flying", round(done_s), round(total_s))
+        except Exception as error:  # in a thread beside the loop, and no reason to end a flight
+            failed.append(error)
 
     tally = run(request, tell=tell, show=None if progress is quiet else show, warn=warn, live=live)
+    if failed:
+        raise failed[0]
     if tally.log is None:
         rmse_m = tally.true_rmse_m if request.is_virtual else tally.rmse_m
         return Flight(RunLog.from_rows([]), None, tally.ended, rmse_m)

@@ -2,8 +2,13 @@
 
 import contextlib
 import errno
+import functools
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
@@ -14,6 +19,7 @@ _UNUSABLE = (
     IsADirectoryError,
     PermissionError,
 )
+_CALLERS = "_wakedeploy_callers"  # an attribute of an error that a function of a caller's raised
 _HEAD, _TAIL = 600, 250  # letters of a sentence that is too long: where, and what to do
 
 
@@ -86,15 +92,30 @@ def system_sentence(error: OSError) -> str:
 def own_errors() -> Iterator[None]:
     """What the operating system refuses in the block is raised as the library's own error.
 
-    A pipe that nobody reads is no matter of a place, and stays what it is.
+    A pipe that nobody reads is no matter of a place, and stays what it is. So does what a function
+    of the caller's raises, if it is called as `callers` returns it.
     """
     try:
         yield
     except OSError as error:
-        if not error.strerror or error.errno == errno.EPIPE:
+        if not error.strerror or error.errno == errno.EPIPE or hasattr(error, _CALLERS):
             raise
         kind = UnusableInput if is_unusable(error) else WakedeployError
         raise kind(system_sentence(error)) from error
+
+
+def callers(function: Callable[P, R]) -> Callable[P, R]:
+    """A function that a caller gave, whose errors are the caller's own and no matter of ours."""
+
+    @functools.wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return function(*args, **kwargs)
+        except OSError as error:
+            setattr(error, _CALLERS, True)
+            raise
+
+    return called
 
 
 def why(error: BaseException) -> str:
