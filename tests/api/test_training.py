@@ -2,11 +2,14 @@
 
 import dataclasses
 import json
+import re
+import shutil
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made_packages import package_of, tiny_manifest, tiny_model
 from needs import c_compiler
 from small_tune import small_set
 from small_tune import wakedeploy as command
@@ -16,7 +19,7 @@ from runtime.compiled.folder import read_c_folder
 from trainers.trained_run import TrainedRun
 from trainers.training.predict import predict
 from trainers.training.tape import lay_tape
-from wakedeploy.core.package import read_package
+from wakedeploy.core.package import read_package, write_package
 
 
 def echo() -> wd.EpisodeSet:
@@ -285,6 +288,38 @@ def test_a_package_says_what_it_learned_from_and_what_it_cannot_read(
     slower = dataclasses.replace(data, rate_hz=data.rate_hz / 2)
     with pytest.raises(wd.UnusableInput, match=r"said\.onnx cannot be evaluated on this echo set"):
         wd.evaluate(package.path, slower)
+
+
+def test_what_in_a_folder_cannot_be_scored_is_told_and_the_rest_is_scored(
+    runs: wd.Runs, tmp_path: Path
+) -> None:
+    data = echo()
+    wd.export(runs["gru"], tmp_path / "p" / "fits.onnx", data=data)
+    write_package(
+        package_of(tiny_model("none"), tiny_manifest("none")), tmp_path / "p" / "other.onnx"
+    )
+    (tmp_path / "p" / "torn.onnx").write_bytes((tmp_path / "p" / "fits.onnx").read_bytes()[:999])
+    told: list[str] = []
+    scores = wd.evaluate(tmp_path / "p", data, "test", warn=told.append)
+    assert [row.arch for row in scores.rows] == ["gru"]
+    assert re.search(
+        r"^Left out: \S+other\.onnx cannot be evaluated on this echo set: its", told[0]
+    )
+    assert re.search(r"^Left out: \S+torn\.onnx: ", told[1])
+    (tmp_path / "p" / "fits.onnx").unlink()
+    with pytest.raises(wd.UnusableInput, match=r"other\.onnx cannot be evaluated on this echo"):
+        wd.evaluate(tmp_path / "p", data)
+
+
+def test_a_damaged_run_is_told_and_the_rest_is_scored(runs: wd.Runs, tmp_path: Path) -> None:
+    shutil.copytree(runs["gru"].folder.parents[1], tmp_path / "runs")
+    torn = next(tmp_path.rglob("history-mlp/*/best.safetensors"))
+    torn.write_bytes(torn.read_bytes()[:99])
+    told: list[str] = []
+    assert len(wd.evaluate(tmp_path / "runs", echo(), warn=told.append).rows) == 1
+    assert re.search(r"^Left out: \S+best\.safetensors is damaged", told[0])
+    with pytest.raises(wd.UnusableInput, match=r"best\.safetensors is damaged"):
+        wd.evaluate(torn.parent, echo())
 
 
 def test_what_is_no_run_is_not_evaluated(runs: wd.Runs) -> None:

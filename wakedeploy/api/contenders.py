@@ -4,11 +4,12 @@ In: runs, packages, folders of C, or where they lie. Out: contenders, which know
 what they learned from, and their forces over a tape of episodes.
 """
 
+import itertools
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     Scored = TrainedRun | Predictor
 
+Read = TypeVar("Read")
 _EPISODES_AT_ONCE = 32  # bounds memory; they are stepped side by side
 
 
@@ -67,7 +69,7 @@ def contenders(
 ) -> list[Contender]:
     """What is to be scored on a set that lies in `place`, in the order of the paper's table.
 
-    Of a folder, those runs that fit the set; `warn` hears how many others there are. UnusableInput
+    Of a folder, those that can be read and fit the set; `warn` hears of the others. UnusableInput
     where there is none, where none fits, and where one that was named does not fit.
     """
     if isinstance(given, str | os.PathLike):
@@ -107,17 +109,38 @@ def _at(
     from trainers.trained_run import load_run
     from trainers.training.runs import finished_runs
 
+    def package(path: Path) -> Contender:
+        found = of_package(Predictor(read_flyable(path), path))
+        _require_fit([found], data, place)
+        return found
+
     packages = _packages_at(root)
     if packages:
-        found = [_contender(Predictor(read_flyable(path), path)) for path in packages]
-        _require_fit(found, data, place)
-        return found
+        return _usable(packages, package, warn)
     folders = _that_fit(finished_runs(root), data, place, warn)
-    runs = []
-    for number, folder in enumerate(folders, 1):
-        runs.append(_contender(load_run(folder)))
-        progress("Reading the runs", number, len(folders))
-    return runs
+    numbers = itertools.count(1)
+
+    def run(folder: Path) -> Contender:
+        found = of_run(load_run(folder))
+        progress("Reading the runs", next(numbers), len(folders))
+        return found
+
+    return _usable(folders, run, warn)
+
+
+def _usable(paths: Sequence[Path], read: Callable[[Path], Read], warn: Warn) -> list[Read]:
+    """What `read` makes of each path; one that is refused is told, and is an error if all are."""
+    found, refused = [], []
+    for path in paths:
+        try:
+            found.append(read(path))
+        except UnusableInput as error:
+            refused.append(error)
+    if not found:
+        raise refused[0]
+    for why in refused:
+        warn(f"Left out: {why}")
+    return found
 
 
 def _packages_at(root: Path) -> list[Path]:
@@ -196,16 +219,17 @@ def _that_fit(folders: list[Path], data: "EpisodeSet", place: object, warn: Warn
     """The runs whose channels and rate are the set's; warns of how many others there are."""
     from trainers.training.runs import read_config
 
-    misfits = {}
-    for folder in folders:
+    def misfit(folder: Path) -> tuple[Path, str | None]:
         config = read_config(folder)
-        misfits[folder] = _misfit(config.observation, config.force, config.rate_hz, data)
-    fitting = [folder for folder in folders if misfits[folder] is None]
+        return folder, _misfit(config.observation, config.force, config.rate_hz, data)
+
+    misfits = dict(_usable(folders, misfit, warn))
+    fitting = [folder for folder, why in misfits.items() if why is None]
     first, why = next(((f, w) for f, w in misfits.items() if w is not None), (None, None))
     if not fitting:
         raise _unfit(first, place, why)
     if first is not None:
-        others = len(folders) - len(fitting)
+        others = len(misfits) - len(fitting)
         warn(f"Left out {others} runs that do not fit the set; {first}: {why}.")
     return fitting
 

@@ -42,9 +42,9 @@ def evaluate(
         data: A set, or the folder of one; its channels and rate have to be the runs'.
         split: "train", "validation", "test" or "all".
         progress: Called with a stage, the runs done and their number.
-        warn: Called with a sentence about runs in a folder that do not fit the set, about episodes
-            that they learned from, and about channels that have other values than in training.
-            Default: Python's warnings, the last by `wd.OutOfRange`.
+        warn: Called with a sentence about what in a folder cannot be read or does not fit the set,
+            about episodes that were learned from, and about channels that have other values than in
+            training. Default: Python's warnings, the last by `wd.OutOfRange`.
 
     Returns:
         RMSE in the unit of each channel and R², a row per run in the order of the paper's table,
@@ -52,8 +52,8 @@ def evaluate(
         runs that were trained on this very set.
 
     Raises:
-        UnusableInput: There is no finished run, none fits the set, or the split has no episode that
-            is long enough.
+        UnusableInput: There is no finished run, none fits the set, one that is named cannot be read
+            or does not fit, or the split has no episode that is long enough.
         CheckFailed: A package's step fails.
     """
     place = data

@@ -31,6 +31,7 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     """Score the finished runs at or below RUNS, or a package, on the episodes of a set.
 
     RUNS may also be a package or a folder of C, scored as it would fly, or a folder of packages.
+    What in a folder does not fit the set, or cannot be read, is named and left out.
     Every run is asked for the force at its own lead; all are scored on the same samples, after
     one common warm-up. Above them: predicting zero, and a set's observer of the sufferer's motion.
     Of runs that were trained on this set also what its training episodes tell without a network:

@@ -139,7 +139,7 @@ def read_package(path: Path | str) -> Package:
             f"{path}: cannot be read ({error.strerror}); give the path of a package made by"
             " `wakedeploy export`"
         ) from error
-    return package_from_bytes(model, path.name)
+    return package_from_bytes(model, str(path))
 
 
 def package_from_bytes(model: bytes, name: str) -> Package:
