@@ -1,6 +1,7 @@
 """The commands that serve pages: what they refuse in a sentence, and a whole flight with STOP."""
 
 import re
+import socket
 import subprocess
 import sys
 import time
@@ -109,8 +110,19 @@ def test_a_replay_says_what_a_long_log_takes_its_time_for(tmp_path, monkeypatch)
     log = tmp_path / "flight.mcap"
     record(None, seconds=8, seed=0).write_mcap(log)
     monkeypatch.setattr("wakedeploy.cli.log_lines._SILENT_S", 0.0)
-    monkeypatch.setattr("wakedeploy.live.replay.replay", lambda *served: None)
+    monkeypatch.setattr("wakedeploy.live.replay.replay", lambda read, *served: read())
     told = CliRunner().invoke(main, ["live", str(log)])
     assert told.exit_code == 0
     assert "Reading the log: done" in told.stderr
     assert "Smoothing the force: done" in told.stderr
+
+
+def test_a_port_that_is_taken_is_told_before_a_long_log_is_read(tmp_path):
+    log = tmp_path / "flight.mcap"
+    log.write_bytes(b"no log: reading it would say so")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        place = f"127.0.0.1:{taken.getsockname()[1]}"
+        told = CliRunner().invoke(main, ["live", str(log), "--listen", place])
+    assert told.exit_code == 2
+    assert told.stderr.startswith(f"Error: {place}: no page can be served there (Address already")
+    assert "Reading the log" not in told.stderr

@@ -1,12 +1,11 @@
 """`wakedeploy live`: a recorded flight on the page that shows flying ones."""
 
-import contextlib
 from pathlib import Path
 
 import click
 
 from wakedeploy.cli.live_options import TOKEN, address_option, tell_address
-from wakedeploy.cli.output import StageBars
+from wakedeploy.cli.output import stage_bars
 
 
 @click.command()
@@ -23,15 +22,17 @@ def command(file: Path, listen: str, live_token: Path | None) -> None:
     Example:
         wakedeploy live flight.mcap
     """
-    from wakedeploy.core.runlog import read_run_log
+    from wakedeploy.core.runlog import read_run_log, require_run_log
     from wakedeploy.live.process import require_tornado
 
     require_tornado()
-    with contextlib.ExitStack() as shown:
-        bars = StageBars(shown)
-        bars("Reading the log")
-        log = read_run_log(file)
-        from wakedeploy.live.replay import Replay, replay
+    require_run_log(file)
+    from wakedeploy.live.replay import Replay, replay
 
-        server = Replay(log, file.name, lambda *steps: bars("Smoothing the force", *steps))
-    replay(server, listen, live_token, tell_address)
+    def read() -> Replay:
+        with stage_bars() as bars:
+            bars("Reading the log")
+            log = read_run_log(file)
+            return Replay(log, file.name, lambda *steps: bars("Smoothing the force", *steps))
+
+    replay(read, listen, live_token, tell_address)

@@ -148,8 +148,7 @@ def read_run_log(path: Path | str) -> RunLog:
     UnusableInput for anything that is no run log.
     """
     path = Path(path)
-    if path.is_dir() or not path.exists():
-        raise UnusableInput(absent(path, "a run log, a .mcap or .csv file"))
+    require_run_log(path)
     if path.suffix.lower() == ".csv":
         from wakedeploy.core.runlog_csv import read_csv
 
@@ -157,6 +156,12 @@ def read_run_log(path: Path | str) -> RunLog:
     from wakedeploy.core.runlog_mcap import read_mcap
 
     return log_from_table(read_mcap(path), path)
+
+
+def require_run_log(path: Path) -> None:
+    """UnusableInput where no file lies that could be a run log; it is not opened."""
+    if path.is_dir() or not path.exists():
+        raise UnusableInput(absent(path, "a run log, a .mcap or .csv file"))
 
 
 def log_from_table(table: Table, path: Path) -> RunLog:

@@ -150,12 +150,16 @@ class Replay(PageServer):
 
 
 def replay(
-    server: Replay, listen: str, token_file: Path | None, tell: Callable[[str], None]
+    read: Callable[[], Replay], listen: str, token_file: Path | None, tell: Callable[[str], None]
 ) -> None:
-    """Serve a replay until the program is interrupted; `tell` gets the address."""
+    """Serve what `read` returns until the program is interrupted; `tell` gets the address.
+
+    It is called once the address is ours: a long log is not read for a port that is taken.
+    """
     address = address_of(listen)
     token = token_for(address, token_file)
     sockets, address = bound(address)
+    server = read()
 
     async def run() -> None:
         serve(
