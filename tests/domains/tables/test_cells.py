@@ -184,3 +184,21 @@ def test_long_cells_take_no_time(cell: str, tmp_path: Path) -> None:
     begun = time.process_time()
     guess_columns(path)
     assert time.process_time() - begun < 2.0
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", ", "])
+def test_quoted_numbers_are_numbers_and_empty_quotes_are_missing(
+    delimiter: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = [("t_s", "w_n", "x"), *((f"{t:.2f}", f"{w:.5f}", "1.5") for t, w in ROWS[:, :2])]
+    for k in (1, 7, 8):
+        rows[k] = (rows[k][0], "", "")
+    path.write_text("\n".join(delimiter.join(f'"{cell}"' for cell in row) for row in rows) + "\n")
+    stated = '[time]\ncolumn = "t_s"\nunit = "s"\n[columns.w_n]\ncolumn = "w_n"\nunit = "N"\n'
+    stated = parse_columns(f'version = 1\n{stated}role = "output"\nmissing = "nan"\n')
+    (recording,) = read_recordings([path], stated).recordings
+    wanted = ROWS[:, 1].copy()
+    wanted[[0, 6, 7]] = np.nan
+    np.testing.assert_allclose(recording.columns["w_n"], wanted, atol=6e-6)
+    assert 'missing = "split"' in guess_columns(path)

@@ -29,6 +29,7 @@ _WITH_UNIT = re.compile(
     r"(?P<number>[-+]?[0-9.,']*[0-9](?:[eE][-+]?[0-9]+)?)(?P<space>\s*)(?P<unit>[A-Za-z%°µμΩ].*)"
 )
 _IN_BRACKETS = re.compile(r"[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
+_BETWEEN_SPACES = re.compile(r'"([^"]*)"(?!\S)|(\S+)')
 _LONGEST_UNIT = 60  # letters at the end of a name that may be one
 _LONGEST_WITH_UNIT = 64  # letters of a cell
 Row = list[str]
@@ -115,7 +116,7 @@ def delimiter_of(line: str) -> str:
 
     Beside a semicolon or a tab, a comma within a number stands before its decimals.
     """
-    bare = re.sub(r'"[^"]*"', "", line)
+    bare = re.sub(r'"[^"]*"', "x", line)
     if ";" in bare or "\t" in bare:
         bare = _WITHIN_NUMBER.sub("", bare)
     most = max(",;\t", key=bare.count)
@@ -130,8 +131,15 @@ def written(delimiter: str) -> str:
 def cells_of(line: str, delimiter: str) -> list[str]:
     """The cells of one line."""
     if delimiter == " ":
-        return line.split()
+        return cells_between_spaces(line)
     return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+
+
+def cells_between_spaces(line: str) -> Row:
+    """The cells of a line that any number of spaces or tabs part; quoted ones may be empty."""
+    if '"' not in line:
+        return line.split()
+    return [quoted or bare for quoted, bare in _BETWEEN_SPACES.findall(line)]
 
 
 def has_number(cells: Row) -> bool:

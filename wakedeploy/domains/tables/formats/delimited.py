@@ -27,6 +27,7 @@ from wakedeploy.domains.tables.formats.cells import (
     WITH_COMMA,
     Row,
     begins_as_data,
+    cells_between_spaces,
     cells_of,
     delimiter_of,
     has_number,
@@ -392,8 +393,8 @@ class DelimitedLog:
         delimiter = self._form.delimiter or delimiter_of(line)
         self.delimiter = delimiter
         if delimiter == " ":
-            yield number, line.split()
-            yield from ((n, text.split()) for n, text in lines)
+            yield number, cells_between_spaces(line)
+            yield from ((n, cells_between_spaces(text)) for n, text in lines)
             return
         at = [number]
 
