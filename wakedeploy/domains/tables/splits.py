@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from wakedeploy.core.episodes import SPLITS
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
@@ -19,7 +21,8 @@ from wakedeploy.domains.tables.reading import without_ending
 _HELD_OUT = 0.15  # of each recording, for validation and for test
 _MOST_NAMED = 6  # logs in a sentence
 
-Pieces = list[tuple[str, str, Recording]]  # split, name, samples
+Piece = tuple[str, str, Recording]  # split, name, samples
+Pieces = list[Piece]
 ByFile = Mapping[Path, tuple[Recording, ...]]
 
 
@@ -34,11 +37,10 @@ def split_pieces(recordings: ByFile, columns: Columns) -> Pieces:
     by_file = named | _drawn(rest, drawn, columns)
     found: Pieces = []
     for path, parts in recordings.items():
-        for recording in parts:
-            if path in by_file:
-                found.append((by_file[path], recording.name, recording))
-            else:
-                found += _cut_by_time(recording, drawn)
+        if path in by_file:
+            found += [(by_file[path], recording.name, recording) for recording in parts]
+        else:
+            found += _cut_by_time(parts, drawn)
     return found
 
 
@@ -123,24 +125,31 @@ def _too_few(paths: Sequence[Path], splits: Sequence[str]) -> UnusableInput:
     )
 
 
-def _cut_by_time(
-    recording: Recording, splits: Sequence[str]
-) -> Iterator[tuple[str, str, Recording]]:
-    """A recording in stretches: training first, then 15 % of it for each other split."""
-    samples, start = len(recording.time_s), 0.0
-    for place, split in enumerate(splits, 1):
-        end = 1.0 - _HELD_OUT * (len(splits) - place)
-        part = slice(round(start * samples), round(end * samples))
-        yield split, f"{recording.name}-{split}", _cut(recording, part)
-        start = end
+def _cut_by_time(parts: Sequence[Recording], splits: Sequence[str]) -> Iterator[Piece]:
+    """The recordings of a log in stretches: training first, then 15 % of it for each other split.
+
+    Its samples are counted through all of its recordings: where readings are missing often, each is
+    short. UnusableInput where a split has fewer than two samples.
+    """
+    samples = sum(len(recording.time_s) for recording in parts)
+    ends = [1.0 - _HELD_OUT * (len(splits) - place) for place in range(1, len(splits) + 1)]
+    marks = [0, *(round(end * samples) for end in ends)]
+    if min(np.diff(marks)) < 2:
+        raise UnusableInput(
+            f"{parts[0].name}: has {samples} samples, too few to cut into splits; give a longer"
+            ' log, or held_out = "files".'
+        )
+    first = 0
+    for recording in parts:
+        after = first + len(recording.time_s)
+        for split, low, high in zip(splits, marks, marks[1:], strict=False):
+            part = slice(max(low, first) - first, max(min(high, after) - first, 0))
+            if len(recording.time_s[part]) >= 2:
+                yield split, f"{recording.name}-{split}", _cut(recording, part)
+        first = after
 
 
 def _cut(recording: Recording, part: slice) -> Recording:
-    if len(recording.time_s[part]) < 2:
-        raise UnusableInput(
-            f"{recording.name}: has {len(recording.time_s)} samples, too few to cut into"
-            ' splits; give a longer log, or held_out = "files".'
-        )
     columns = {name: values[part] for name, values in recording.columns.items()}
     return replace(recording, time_s=recording.time_s[part], columns=columns)
 
