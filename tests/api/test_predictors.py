@@ -69,6 +69,22 @@ def test_a_data_frames_columns_are_found_by_name(predictor: wd.Predictor) -> Non
         predictor.predict(frame.drop(columns=names[0]))
 
 
+def test_a_row_of_a_frame_is_stepped_by_its_names(predictor: wd.Predictor) -> None:
+    pandas = pytest.importorskip("pandas")
+    series = observations(predictor, 6)
+    names = [channel.name for channel in predictor.manifest.observation]
+    frame = pandas.DataFrame(series, columns=names).assign(t_s=0.0)[["t_s", *reversed(names)]]
+    stepped = [predictor.step(row) for _, row in frame.iterrows()]
+    np.testing.assert_array_equal(np.stack(stepped), predictor.predict(series))
+    predictor.reset()
+    first = predictor.step(pandas.Series(series[0]))  # without names it is in order
+    np.testing.assert_array_equal(first, stepped[0])
+    with pytest.raises(
+        wd.UnusableInput, match=f"The observation has no {names[1]}; give {names[0]}"
+    ):
+        predictor.step(frame.iloc[0][["t_s", names[0]]])
+
+
 def test_nothing_gives_nothing_and_another_shape_is_refused(predictor: wd.Predictor) -> None:
     inputs, outputs = len(predictor.manifest.observation), len(predictor.manifest.force)
     with pytest.raises(wd.UnusableInput, match=rf"shape \({inputs + 1},\)"):
@@ -165,6 +181,13 @@ def test_a_narrow_range_is_shown_with_digits_that_tell_it_apart() -> None:
     assert out_of_range(np.full((50, 1), 100.19, np.float32), pressure) is None
     told = out_of_range(np.full((50, 1), 100.3, np.float32), pressure)
     assert "p is 100.3 to 100.3, in training it was 100 to 100.1 kPa: check the unit." in told
+
+
+def test_a_pure_number_has_no_unit_in_a_warning() -> None:
+    channels = [ObservationChannel(name="u", unit="1", min=-1.0, max=1.0)]
+    told = out_of_range(np.full((9, 1), 5.0, np.float32), channels)
+    assert told is not None
+    assert told.startswith("u is 5 to 5, in training it was -1 to 1: check the unit.")
 
 
 def test_a_predictor_says_what_it_is(predictor: wd.Predictor) -> None:

@@ -18,7 +18,7 @@ from wakedeploy.api.inputs import PathLike, episode_set, path_of, rig_of
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import path_from
 from wakedeploy.core.manifest import FloatArray, Manifest
-from wakedeploy.core.observations import series_of, warn_out_of_range
+from wakedeploy.core.observations import in_order, series_of, warn_out_of_range
 from wakedeploy.core.package import Package
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -76,12 +76,13 @@ class Predictor:
     def step(self, observation: npt.ArrayLike) -> FloatArray:
         """The force (o,) for the newest observation (d,), with what it remembers of those before.
 
-        Raises UnusableInput for another shape and what is no number.
+        A row of a DataFrame is taken by its names. Raises UnusableInput for another shape, a
+        missing channel and what is no number.
         """
         if self._live is None:
             self._live = predictor_of(self.package)
         self._require_single(observation)
-        return self._live.step(observation)
+        return self._live.step(in_order(observation, self.manifest.observation))
 
     def _require_single(self, observation: npt.ArrayLike) -> None:
         """UnusableInput for a batch of one, which the loop gives, and gets a batch for."""

@@ -1,6 +1,7 @@
 """Observations as a caller gives them: a predictor's channels in order, and in their ranges."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +49,27 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
     return values
 
 
+def in_order(observation: npt.ArrayLike, channels: Sequence[Quantity]) -> npt.ArrayLike:
+    """One observation in the channels' order: a row of a DataFrame is taken by its names.
+
+    Whatever has no names is left as it is, also what cannot be used. Raises UnusableInput for a row
+    that lacks a channel.
+    """
+    row: Any = observation
+    labels = getattr(row, "index", None)  # which a list has, too, to call
+    if labels is None or callable(labels) or hasattr(row, "columns"):
+        return observation
+    if not any(isinstance(label, str) for label in labels):
+        return observation
+    names = [channel.name for channel in channels]
+    missing = [name for name in names if name not in labels]
+    if missing:
+        raise UnusableInput(
+            f"The observation has no {', '.join(missing)}; give {', '.join(names)}."
+        )
+    return [row[name] for name in names]
+
+
 def real_numbers(given: npt.ArrayLike) -> npt.NDArray[np.generic]:
     """What was given as an array of integers, floats or truth values, of any shape.
 
@@ -93,17 +115,14 @@ def out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> 
         far = (each < least - margin) | (each > most + margin)
         if not far.any() or far.mean() <= _SHARE:
             continue
+        unit = "" if channel.unit == "1" else f" {channel.unit}"
         here = f"{np.nanmin(each):.4g} to {np.nanmax(each):.4g}"
         if most > least:
-            ranged.append(
-                f"{channel.name} is {here}, in training it was {least:.4g} to {most:.4g}"
-                f" {channel.unit}"
-            )
+            known = f"{least:.4g} to {most:.4g}{unit}"
+            ranged.append(f"{channel.name} is {here}, in training it was {known}")
         else:
-            constant.append(
-                f"{channel.name} never changed in training ({least:.4g} {channel.unit}), and is"
-                f" {here} here"
-            )
+            known = f"{channel.name} never changed in training ({least:.4g}{unit})"
+            constant.append(f"{known}, and is {here} here")
     sentences = [f"{'; '.join(ranged)}: check the unit."] if ranged else []
     if constant:
         sentences.append(f"{'; '.join(constant)}: its effect was not learned; check the unit too.")
