@@ -7,6 +7,7 @@ import re
 import signal
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -391,3 +392,39 @@ def test_no_architecture_is_scored_before_the_window_is_full() -> None:
 def test_an_episode_needs_a_name_that_any_disk_takes(name: str) -> None:
     with pytest.raises(ValueError, match="episode name"):
         Episode(name, GOOD, GOOD)
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "told"),
+    [
+        ("domain", 3, r"^domain = 3: give text$"),
+        ("domain", "", r"^domain is empty"),
+        ("rate_hz", "50", r"^rate_hz = '50': give a number$"),
+        ("window_s", None, r"^window_s = None: give a number$"),
+        (
+            "observation",
+            Channel("u", "m"),
+            r"^observation = Channel.*: give a tuple of wd\.Channel$",
+        ),
+        ("force", ("f",), r"^force = \('f',\): give a tuple of wd\.Channel$"),
+        ("force", (Channel("f", 3),), r"unit=3\): name and unit have to be text$"),
+        ("loss_weights", 1.0, r"^loss_weights = 1\.0: give a tuple of numbers$"),
+        ("split", "train", r"^split = 'train': give a dictionary"),
+        ("episodes", 3, r"^episodes = 3: give a tuple of wd\.Episode$"),
+        ("provenance", 3, r"^provenance = 3: give a dictionary$"),
+        ("provenance", {"by": object()}, r"^provenance holds what JSON does not"),
+    ],
+)
+def test_a_part_of_another_kind_is_named_before_it_is_written(
+    part: str, value: object, told: str
+) -> None:
+    with pytest.raises(ValueError, match=told):
+        replace(small_set(), **{part: value})
+
+
+def test_an_episode_has_a_name_and_a_sample() -> None:
+    some, none = np.zeros((3, 1), np.float32), np.zeros((0, 1), np.float32)
+    with pytest.raises(ValueError, match=r"^episode name 3: use letters"):
+        Episode(3, some, some)
+    with pytest.raises(ValueError, match=r"^episode .a.: observation has 0 samples; leave such"):
+        Episode("a", none, none)

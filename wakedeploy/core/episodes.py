@@ -10,8 +10,9 @@ import hashlib
 import io
 import json
 import math
+import numbers
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -81,7 +82,7 @@ class Episode:
     extras: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not _EPISODE_NAME.fullmatch(self.name):
+        if not isinstance(self.name, str) or not _EPISODE_NAME.fullmatch(self.name):
             raise ValueError(f"episode name {self.name!r}: use letters, digits, '.', '_' and '-'")
         for name in self.extras:
             if not _EXTRA_NAME.fullmatch(name) or name in _RESERVED:
@@ -136,6 +137,7 @@ class EpisodeSet:
     folder: Path | None = None
 
     def __post_init__(self) -> None:
+        _check_kinds(self)
         _check_description(self)
         for episode in self.episodes:
             _check_widths(self, episode)
@@ -262,11 +264,37 @@ def _check_array(
     if array.ndim == 0 or dimensions not in (None, array.ndim):
         raise ValueError(f"{name} has shape {array.shape}, not (T, channels)")
     length = len(array) if length is None else length
-    if len(array) != length or length == 0:
+    if length == 0:
+        raise ValueError(f"{name} has 0 samples; leave such an episode out")
+    if len(array) != length:
         raise ValueError(f"{name} has {len(array)} samples, where observation has {length}")
     if not np.isfinite(array).all():
         first = np.argwhere(~np.isfinite(array))[0]
         raise ValueError(f"{name} is not finite at sample {first[0]}; leave such samples out")
+
+
+def _check_kinds(made: EpisodeSet) -> None:
+    """ValueError for a part of another kind: it would be written, and read by nobody."""
+    parts: tuple[tuple[str, Any, type, str], ...] = (
+        ("observation", made.observation, Channel, "a tuple of wd.Channel"),
+        ("force", made.force, Channel, "a tuple of wd.Channel"),
+        ("episodes", made.episodes, Episode, "a tuple of wd.Episode"),
+        ("loss_weights", made.loss_weights, numbers.Real, "a tuple of numbers"),
+        ("rate_hz", (made.rate_hz,), numbers.Real, "a number"),
+        ("window_s", (made.window_s,), numbers.Real, "a number"),
+        ("domain", (made.domain,), str, "text"),
+        ("split", (made.split,), Mapping, "a dictionary, as {name: 'train'}"),
+        ("provenance", (made.provenance,), Mapping, "a dictionary"),
+    )
+    for label, given, kind, needed in parts:
+        is_several = isinstance(given, Sequence) and not isinstance(given, str)
+        if not is_several or not all(isinstance(part, kind) for part in given):
+            raise ValueError(f"{label} = {getattr(made, label)!r:.60}: give {needed}")
+    for channel in (*made.observation, *made.force):
+        if not (isinstance(channel.name, str) and isinstance(channel.unit, str)):
+            raise ValueError(f"{channel}: name and unit have to be text")
+    if not made.domain:
+        raise ValueError("domain is empty: give it a name")
 
 
 def _check_description(made: EpisodeSet) -> None:
@@ -287,7 +315,10 @@ def _check_description(made: EpisodeSet) -> None:
     ):
         raise ValueError(f"loss_weights = {made.loss_weights}: one positive weight for each force")
     _check_split(made)
-    _canonical(made.provenance)
+    try:
+        _canonical(made.provenance)
+    except TypeError as error:
+        raise ValueError(f"provenance holds what JSON does not ({one_line(error)})") from error
 
 
 def _check_split(made: EpisodeSet) -> None:
