@@ -36,7 +36,7 @@ from trainers.training.tape import tape_of
 from wakedeploy.core.episodes import DESCRIPTION, EpisodeSet, read_episode_set, stated_sha256
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.figures import showing_itself
-from wakedeploy.core.files import sha256_of
+from wakedeploy.core.files import path_from, sha256_of
 from wakedeploy.core.manifest import FloatArray
 from wakedeploy.core.observations import series_of, warn_out_of_range
 
@@ -87,7 +87,9 @@ class TrainedRun:
         if data is None:
             shown = episodes_of(self)
         else:
-            shown = data if isinstance(data, EpisodeSet) else read_episode_set(Path(data))
+            shown = (
+                data if isinstance(data, EpisodeSet) else read_episode_set(path_from(data, "data"))
+            )
         is_trained_on = shown.sha256 == self.config.data_sha256
         errors = self.metrics.test if is_trained_on else None
         drawn = draw_prediction(title_of(self.config), self.config, self.predictor, shown, errors)

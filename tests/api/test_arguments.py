@@ -194,6 +194,15 @@ def test_what_is_of_another_kind_is_named(folder: Path) -> None:
     refused(
         lambda: wd.tune(folder, ["gru", "tcn"]), r"arch is \['gru', 'tcn'\]: give the name of one"
     )
+    for name in ("preset", "device"):
+        refused(lambda n=name: wd.train(folder, "gru", **{n: 3}), f"^{name} is 3: give text")
+    refused(lambda: wd.train(folder, "gru", hyper={3: 3}), "^hyper has 3: give {'ARCH.NAME'")
+    refused(
+        lambda: wd.train(folder, "gru", tracker="tensorbord"), "^tracker is .*: give tensorboard"
+    )
+    refused(lambda: wd.tune(folder, "grru"), "'grru' is no architecture; did you mean gru")
+    refused(lambda: wd.tune(folder, "gru", objective=3), "^objective is 3: give text")
+    refused(lambda: wd.guess_columns(folder / "dataset.json", 3), "^system is 3: give a class")
     refused(lambda: wd.make_set(3), "'3' is no domain")
     for strange in (3, [3], b"gru.onnx", [None]):
         refused(lambda s=strange: wd.make_set("gantry", packages=s), "^packages is .*: give a path")

@@ -38,6 +38,21 @@ def test_a_log_that_is_not_there_is_a_wrong_path(tmp_path) -> None:
             read(tmp_path / "lgo.csv", columns)
 
 
+def test_a_unit_for_a_column_that_is_not_there_is_never_ignored(tmp_path) -> None:
+    log, columns = tmp_path / "log.csv", tmp_path / "columns.toml"
+    log.write_text("t,a\n" + "\n".join(f"{k / 100},{k}" for k in range(99)) + "\n")
+    columns.write_text(COLUMNS)
+    for units, says in (
+        ({"angel_rad": "deg"}, r"'angel_rad' is no column of a role; did you mean angle_rad\?"),
+        ({"angle_rad": 3}, r"^units has 3 for angle_rad: give text\.$"),
+        ("deg", r"^units is 'deg': give {NAME: unit}\.$"),
+    ):
+        with pytest.raises(wd.UnusableInput, match=says):
+            wd.read_log(log, columns, units=units)
+    (recording,) = wd.read_log(log, columns, units={"angle_rad": "deg"})
+    assert recording.columns["angle_rad"][-1] == pytest.approx(np.rad2deg(98.0))
+
+
 @pytest.mark.parametrize(
     ("stamps", "says"),
     [

@@ -234,6 +234,7 @@ def test_what_c_cannot_be_is_refused_before_anything_is_written(
     refused = {
         "C keeps float32": {"c": folder, "weights": "float64"},
         "a share from 0 to 1": {"c": folder, "tolerance": 2.0},
+        "tolerance 'a': a share": {"c": folder, "tolerance": "a"},
         "1st": {"c": folder, "name": "1st"},
         "weights: belongs to C": {"weights": "int8"},
         "is exported already": {},

@@ -234,6 +234,8 @@ def test_a_run_predicts_and_draws_as_its_package_does(runs: wd.Runs, session: Pa
     assert run.predict(np.empty((0, 1))).shape == (0, 1)
     with pytest.raises(wd.UnusableInput, match=r"shape \(90, 2\); give \(T, 1\) or .*: u\."):
         run.predict(np.zeros((90, 2)))
+    with pytest.raises(wd.UnusableInput, match=r"^data is 3: give a path"):
+        run.plot(3)
     lines = {line.get_label(): line for line in run.plot(data).axes[0].lines}
     late = data.warm_up_steps
     np.testing.assert_allclose(

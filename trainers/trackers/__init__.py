@@ -44,6 +44,9 @@ class Tracker(Protocol):
         """A run in its folder; `fresh` forgets an earlier one that lay there."""
 
 
+TRACKERS = ("tensorboard", "mlflow")
+
+
 def open_tracker(name: str, out: Path) -> Tracker:
     """The tracker of that name for the runs below `out`.
 

@@ -6,6 +6,7 @@ In: what a caller gave. Out: the same, or one sentence with the argument, its va
 import functools
 import inspect
 import numbers
+import os
 import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -121,7 +122,8 @@ def _require_kind(name: str, value: object, kind: Any) -> None:
         return
     if kind in (bool, bool | None) and not isinstance(value, bool | np.bool_):
         raise UnusableInput(f"{name} is {value!r:.60}: give True or False.")
-    if kind == str | None and not isinstance(value, str):
+    texts = str if kind == str | None else str | os.PathLike  # as the file of a preset
+    if kind in (str, str | None) and not isinstance(value, texts):
         raise UnusableInput(f"{name} is {value!r:.60}: give text.")
     if name in _CALLED and not callable(value):
         raise UnusableInput(f"{name} is {value!r:.60}: give a function to call.")

@@ -45,7 +45,7 @@ def wish_of(folder: Path, as_c: AsC) -> "Wish":
     weights, tolerance = as_c.get("weights", "float32"), as_c.get("tolerance", TOLERANCE)
     if weights not in get_args(Weights):
         raise UnusableInput(f"weights {weights!r}: C keeps {', '.join(get_args(Weights))}.")
-    if not 0.0 <= tolerance <= 1.0:
+    if not isinstance(tolerance, int | float) or not 0.0 <= tolerance <= 1.0:
         raise UnusableInput(f"tolerance {tolerance!r}: a share from 0 to 1, such as 0.02.")
     if (name := as_c.get("name")) is not None:
         require_name(name)

@@ -1,6 +1,6 @@
 """Logs of any system: as a set for training, as recordings, and a first `columns.toml`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +9,7 @@ from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.caller import warn_caller
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import path_from
+from wakedeploy.core.names import unknown
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
@@ -69,7 +70,8 @@ def read_log(
     """
     from wakedeploy.domains.tables.reading import read_recordings
 
-    reading = read_recordings(_paths(files), _columns(columns), units)
+    paths, known = _paths(files), _columns(columns)
+    reading = read_recordings(paths, known, _units(units, known))
     for note in reading.notes:
         warn_caller(note)
     return reading.recordings
@@ -119,6 +121,20 @@ def _columns(columns: "Columns | PathLike") -> "Columns":
     from wakedeploy.domains.tables.columns import Columns, read_columns
 
     return columns if isinstance(columns, Columns) else read_columns(path_from(columns, "columns"))
+
+
+def _units(units: Mapping[str, str] | None, columns: "Columns") -> Mapping[str, str] | None:
+    """The units by the columns' names; UnusableInput for a name that no column has."""
+    if units is None:
+        return None
+    if not isinstance(units, Mapping):
+        raise UnusableInput(f"units is {units!r:.60}: give {{NAME: unit}}.")
+    for name, unit in units.items():
+        if name not in columns.used:
+            raise UnusableInput(f"units: {unknown(name, 'column of a role', columns.used)}.")
+        if not isinstance(unit, str):
+            raise UnusableInput(f"units has {unit!r:.60} for {name}: give text.")
+    return units
 
 
 def _stage(progress: Progress) -> Callable[[int, int], None]:

@@ -66,6 +66,10 @@ def system_of(given: SystemLike) -> System:
         return checked(given)
     if isinstance(given, type):
         return checked(attempted(f"{given.__name__}()", given))
+    if not isinstance(given, str | os.PathLike):
+        raise UnusableInput(
+            f"system is {given!r:.60}: give a class of a wd.System, an object of it, or its file."
+        )
     return read_system(Path(given))
 
 

@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from wakedeploy.api.arguments import MOST_PROCESSES, MOST_SEEDS, in_python, real, whole, words
+from wakedeploy.api.arguments import (
+    MOST_PROCESSES,
+    MOST_SEEDS,
+    in_python,
+    one_of,
+    real,
+    whole,
+    words,
+)
 from wakedeploy.api.inputs import PathLike, episode_set
 from wakedeploy.api.scores import ScoreRow, Scores, Shown, about_run, score_row
 from wakedeploy.core.caller import Warn, warn_caller
@@ -138,6 +146,7 @@ def train(
     """
     from trainers.bounds import MOST_EPOCHS
     from trainers.preset import REFERENCE, TUNED, read_preset
+    from trainers.trackers import TRACKERS
     from trainers.training.baselines import baselines
     from trainers.training.runs import LONGEST_LEAD_S
     from trainers.training.trainer import chosen_lead_s
@@ -150,6 +159,8 @@ def train(
         lead_s = real("lead_s", lead_s, 0.0, LONGEST_LEAD_S)
     if epochs is not None:
         epochs = whole("epochs", epochs, 1, MOST_EPOCHS)
+    if tracker is not None:
+        tracker = one_of("tracker", tracker, TRACKERS)
     folder = path_from(out, "out")
     data = episode_set(data)
     of_preset = architectures() if preset in (REFERENCE, TUNED) else None
@@ -201,6 +212,8 @@ def _changed(hyper: Mapping[str, Any], names: Sequence[str]) -> dict[str, dict[s
         raise UnusableInput(f'hyper is {hyper!r:.60}: give {{"ARCH.NAME": value}}.')
     changed: dict[str, dict[str, Any]] = {name: {} for name in names}
     for key, value in hyper.items():
+        if not isinstance(key, str):
+            raise UnusableInput(f"hyper has {key!r:.60}: give {{'ARCH.NAME': value}}.")
         given, dot, name = key.rpartition(".")
         arch = meant(given, names) if dot else names[0] if len(names) == 1 else None
         if arch is None:

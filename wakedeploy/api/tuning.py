@@ -18,6 +18,7 @@ from wakedeploy.api.display import data_frame, html_table
 from wakedeploy.api.inputs import PathLike, episode_set, path_of
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import PARAMETER_BUDGET
+from wakedeploy.core.names import architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
@@ -164,6 +165,9 @@ def tune(
 
     if not isinstance(arch, str):
         raise UnusableInput(f"arch is {arch!r:.60}: give the name of one architecture.")
+    known = meant(arch, architectures())
+    if known is None:
+        raise UnusableInput(f"{unknown(arch, 'architecture', architectures())}.")
     folder = path_of(out, "out")
     trials = whole("trials", trials, 1, MOST_TRIALS)
     workers = whole("workers", workers, 1, MOST_PROCESSES)
@@ -174,7 +178,7 @@ def tune(
     episodes = episode_set(data)
     plan = make_plan(
         episodes,
-        arch,
+        known,
         lead_s=chosen_lead_s(episodes, lead_s),
         epochs=whole("epochs", epochs, 1, MOST_EPOCHS),
         budget=whole("budget", budget, 1, PARAMETER_BUDGET),
