@@ -153,6 +153,28 @@ def test_a_target_that_is_no_name_is_not_called_a_lost_connection(packages):
     assert "pi@rig;x: is no name of a host; give what ssh takes" in done.stderr
 
 
+def test_what_is_no_package_is_told_with_what_to_give(packages, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = packages("first.onnx").name
+    run = Path("runs/gru")
+    run.mkdir(parents=True)
+    for name in ("config.json", "best.safetensors"):
+        (run / name).touch()
+    for words, says in (
+        (
+            (file, "pi@rig"),
+            "is a file, and the target comes first: `wakedeploy deploy pi@rig first",
+        ),
+        (("pi@rig", "runs/gru"), "make a package of it by `wakedeploy export --run runs/gru`"),
+        (("pi@rig", "runs"), "runs: a folder with no C source"),
+        (("pi@rig", file, "-F", "gone.cfg"), "pi@rig: ssh cannot open the file of -F; give one"),
+    ):
+        told = CliRunner().invoke(main, ["deploy", *words])
+        assert told.exit_code == 2
+        assert says in told.stderr
+        assert "copy a folder of C" not in told.stderr
+
+
 def test_a_broken_package_never_leaves(rig, packages, tmp_path):
     cut = tmp_path / "cut.onnx"
     cut.write_bytes(packages("first.onnx").read_bytes()[:-400])

@@ -54,6 +54,9 @@ def command(
     """
     if (package is None) != rollback:
         raise UnusableInput("Say what to do: either deploy a PACKAGE, or go back with --rollback.")
+    if package is not None and not package.exists() and Path(target).is_file():
+        swapped = shlex.join(["wakedeploy", "deploy", str(package), target])
+        raise UnusableInput(f"{target}: is a file, and the target comes first: `{swapped}`.")
     from wakedeploy.deploy.remote import Remote
     from wakedeploy.deploy.site import Site
 
@@ -63,6 +66,10 @@ def command(
             links = site.roll_back()
         _tell(site, "Rolled back", links, "Forth again")
     elif package.is_dir():
+        from runtime.compiled.folder import read_c_folder
+
+        if not any(package.glob("*.c")):
+            read_c_folder(package)  # which says how a run becomes a package, and what others lack
         raise UnusableInput(_by_hand(package, site))
     else:
         _deploy(site, package)

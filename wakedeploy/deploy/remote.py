@@ -27,6 +27,10 @@ _OPTIONS = {
 }
 _REASONS = (
     (
+        "Can't open user config file",
+        "ssh cannot open the file of -F; give one that is there.",
+    ),
+    (
         "IDENTIFICATION HAS CHANGED",
         "its host key is another than the known one; if it was installed anew, forget the old key "
         "with ssh-keygen -R, otherwise do not trust this network.",
