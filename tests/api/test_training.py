@@ -324,6 +324,15 @@ def test_a_damaged_run_is_told_and_the_rest_is_scored(runs: wd.Runs, tmp_path: P
         wd.evaluate(torn.parent, echo())
 
 
+def test_a_run_of_other_settings_is_told_before_any_is_trained(
+    session: Path, runs: wd.Runs
+) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"gru/s0 was trained with epochs = 2, not 3"):
+        wd.train(echo(), ["agile-mlp", "gru"], epochs=3, out=session / "runs",
+                 hyper={"gru.hidden": 5})  # fmt: skip
+    assert not any(session.glob("runs/*/agile-mlp"))
+
+
 def test_what_is_no_run_is_not_evaluated(runs: wd.Runs) -> None:
     for strange in (runs["gru"].predictor, [runs[0], 3]):
         with pytest.raises(wd.UnusableInput, match=r"cannot be evaluated; give what train"):

@@ -38,6 +38,12 @@ SHORT_HASH = 16  # digits of an episode's hash that a record keeps; no two episo
 CONFIG, METRICS = "config.json", "metrics.json"
 BEST, LAST = "best.safetensors", "last.safetensors"
 CURVES, PREDICTION, REPORT = "curves.png", "prediction.png", "report.html"
+# Why a run goes on with the epochs that it was begun with.
+_ANNEALED = (
+    ": the learning rate falls over all epochs of a run, so with another number it is another"
+)
+# What to do about a run in the way, by the command and from Python.
+_ELSEWHERE = "choose another --out (out=), or --fresh (fresh=True) to replace it"
 
 
 class _Record(BaseModel):
@@ -128,6 +134,38 @@ class RunMetrics(_Record):
 def run_folder(root: Path, config: RunConfig) -> Path:
     """Where a run of this configuration belongs."""
     return root / config.domain / config.arch / f"s{config.seed}"
+
+
+def require_same(root: Path, config: RunConfig) -> None:
+    """UnusableRun where a run of another configuration lies in the folder of this one.
+
+    A run is continued with the configuration that it was begun with, or not at all.
+    """
+    folder = run_folder(root, config)
+    if not (folder / CONFIG).exists():
+        return
+    old, new = _flat(read_config(folder)), _flat(config)
+    begun = "trained" if (folder / METRICS).exists() else "begun"
+    if old["data_sha256"] != new["data_sha256"]:
+        raise UnusableRun(f"{folder} was {begun} on other data; {_ELSEWHERE}.")
+    if old["training"] != new["training"]:
+        raise UnusableRun(
+            f"{folder} was {begun} by other code (revision {old['training']}, this is"
+            f" {new['training']}); {_ELSEWHERE}."
+        )
+    for name in sorted(old.keys() | new.keys()):
+        if old.get(name) != new.get(name):
+            because = _ANNEALED if name == "epochs" else ""
+            raise UnusableRun(
+                f"{folder} was {begun} with {name} = {old.get(name)}, not {new.get(name)}{because};"
+                f" {_ELSEWHERE}."
+            )
+
+
+def _flat(config: RunConfig) -> dict[str, Any]:
+    values = config.model_dump()
+    groups = values.pop("hyper") | values.pop("settings")
+    return {**values, **groups}
 
 
 def new_predictor(config: RunConfig) -> Predictor:

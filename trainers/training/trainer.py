@@ -32,11 +32,10 @@ from trainers.training.runs import (
     RidgeErrors,
     RunConfig,
     RunMetrics,
-    UnusableRun,
     damaged,
     new_predictor,
-    read_config,
     read_tensors,
+    require_same,
     restore_best,
     run_folder,
     write_record,
@@ -56,12 +55,6 @@ OnEpoch = Callable[[int, int], None]
 # Called after each epoch with where the fit stands, all epochs before this one included.
 OnStanding = Callable[[Standing], None]
 
-# Why a run goes on with the epochs that it was begun with.
-_ANNEALED = (
-    ": the learning rate falls over all epochs of a run, so with another number it is another"
-)
-# What to do about a run in the way, by the command and from Python.
-_ELSEWHERE = "choose another --out (out=), or --fresh (fresh=True) to replace it"
 # What a channel may change by and reach, in its unit. Squares of the smaller one lie eight decades
 # above the smallest normal number of float32, so that a ten-thousandth of it still counts. Those of
 # the larger one can be summed over any set; it is also the largest error that a record holds.
@@ -192,8 +185,7 @@ def train(
         remove_unfinished(folder)
         if fresh:
             _clear(folder)
-        if (folder / CONFIG).exists():
-            _check_same(folder, read_config(folder), config)
+        require_same(root, config)
         if (folder / METRICS).exists():
             return load_run(folder)
         write_record(folder / CONFIG, config)
@@ -352,32 +344,6 @@ def _columns(data: EpisodeSet) -> range:
 def _clear(folder: Path) -> None:
     for name in (METRICS, LAST, BEST, CONFIG, CURVES, PREDICTION, REPORT):
         (folder / name).unlink(missing_ok=True)
-
-
-def _check_same(folder: Path, there: RunConfig, wanted: RunConfig) -> None:
-    """A run is continued with the configuration it was begun with, or not at all."""
-    old, new = _flat(there), _flat(wanted)
-    begun = "trained" if (folder / METRICS).exists() else "begun"
-    if old["data_sha256"] != new["data_sha256"]:
-        raise UnusableRun(f"{folder} was {begun} on other data; {_ELSEWHERE}.")
-    if old["training"] != new["training"]:
-        raise UnusableRun(
-            f"{folder} was {begun} by other code (revision {old['training']}, this is"
-            f" {new['training']}); {_ELSEWHERE}."
-        )
-    for name in sorted(old.keys() | new.keys()):
-        if old.get(name) != new.get(name):
-            because = _ANNEALED if name == "epochs" else ""
-            raise UnusableRun(
-                f"{folder} was {begun} with {name} = {old.get(name)}, not {new.get(name)}{because};"
-                f" {_ELSEWHERE}."
-            )
-
-
-def _flat(config: RunConfig) -> dict[str, Any]:
-    values = config.model_dump()
-    groups = values.pop("hyper") | values.pop("settings")
-    return {**values, **groups}
 
 
 def _solve(

@@ -148,7 +148,7 @@ def train(
     from trainers.preset import REFERENCE, TUNED, read_preset
     from trainers.trackers import TRACKERS
     from trainers.training.baselines import baselines
-    from trainers.training.runs import LONGEST_LEAD_S
+    from trainers.training.runs import LONGEST_LEAD_S, require_same
     from trainers.training.trainer import chosen_lead_s
 
     seeds, threads = (
@@ -169,6 +169,8 @@ def train(
     lead_s = chosen_lead_s(data, lead_s)
     presets = {name: usable_preset(preset, name, data, lead_s, warn) for name in names}
     configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
+    for config in () if fresh else configs:  # before the first of them takes its minutes
+        require_same(folder, config)
     _warn_of_long_memory(configs, data, warn)
     _warn_of_few_samples(configs, data, warn)
     opened = _opened(tracker, folder, warn)
