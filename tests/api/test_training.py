@@ -333,7 +333,9 @@ def test_a_run_of_other_settings_is_told_before_any_is_trained(
     assert not any(session.glob("runs/*/agile-mlp"))
 
 
-def test_what_is_no_run_is_not_evaluated(runs: wd.Runs) -> None:
+def test_what_is_no_run_is_not_evaluated(runs: wd.Runs, session: Path) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"gone holds no finished run: there is no such"):
+        wd.evaluate(session / "gone", echo())
     for strange in (runs["gru"].predictor, [runs[0], 3]):
         with pytest.raises(wd.UnusableInput, match=r"cannot be evaluated; give what train"):
             wd.evaluate(strange, echo())

@@ -274,6 +274,7 @@ LINE = "0,0.0,0.5,0.009,0,1500,1700,RUNNING"
         (["t_s,tick,mode", "0,0,RUNNING"], "lacks the column.*range_m, range_age_s, steps"),
         ([HEADER, LINE.replace("0.5", "half")], "line 2: range_m = 'half' is not a number"),
         ([HEADER, LINE.replace("0.5", "inf")], "range_m = inf is not a number"),
+        (["Zeit;Kraft", "0,0;1,5"], "not a run log, .* read by `wakedeploy data import table`"),
         ([HEADER, LINE + ",1"], "line 2: 9 fields, but 8 column names"),
         ([HEADER, LINE, LINE], "t_s does not rise after tick 0"),
         ([HEADER, LINE.replace("RUNNING", "FLYING")], "mode = 'FLYING' is none of"),

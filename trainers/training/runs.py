@@ -213,6 +213,11 @@ def finished_runs(root: Path) -> list[Path]:
         raise UnusableInput(
             f"{root} is a package, and no folder of runs; give the runs that it was exported from."
         )
+    if not folders and not root.exists():
+        raise UnusableInput(
+            f"{root} holds no finished run: there is no such folder; name another one, or make a"
+            " run with `wakedeploy train`."
+        )
     if not folders:
         raise UnusableInput(f"{root} holds no finished run; make one with `wakedeploy train`.")
     return folders

@@ -169,7 +169,10 @@ def log_from_table(table: Table, path: Path) -> RunLog:
     names, rows, metadata = table
     missing = [c.name for c in COLUMNS if c.presence == "required" and c.name not in names]
     if missing:
-        raise UnusableInput(f"{path}: not a run log, it lacks the column(s) {', '.join(missing)}.")
+        raise UnusableInput(
+            f"{path}: not a run log, it lacks the column(s) {', '.join(missing)}; logs of other"
+            " programs are read by `wakedeploy data import table`."
+        )
     unknown = [name for name in names if name not in COLUMN]
     if unknown:
         metadata = metadata | {"ignored_columns": shown(", ".join(unknown))}
