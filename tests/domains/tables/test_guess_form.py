@@ -389,3 +389,13 @@ def test_a_log_of_a_known_autopilot_says_how_to_convert_it(begin: bytes, tmp_pat
     path.write_bytes(begin + b"IMU, 1, 2\n")
     with pytest.raises(UnusableInput, match=r"ArduPilot; convert .* mavlogdump\.py --format csv"):
         guess_columns(path)
+
+
+@pytest.mark.parametrize(("rows", "few"), [("", "no row"), ("0.0,1.5\n", "only one row")])
+def test_a_table_without_rows_to_guess_from_says_so(rows: str, few: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"t_s,force_n\n{rows}")
+    with pytest.raises(
+        UnusableInput, match=rf"log\.csv: has {few} below its header; give a longer"
+    ):
+        guess_columns(path)

@@ -5,6 +5,7 @@ given some of its columns a role. What cannot be seen (a rate that no file state
 reading refuses it by name.
 """
 
+import itertools
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
@@ -351,6 +352,11 @@ def _without_numbers(path: Path, files: Sequence[_File]) -> UnusableInput:
     tables = [file.log for file in files if isinstance(file.log, DelimitedLog)]
     if uneven := next(filter(None, (table.uneven() for table in tables)), None):
         return uneven
+    for table in tables:
+        count = len(list(itertools.islice(table.rows(), 2)))
+        if count < 2 and len(table.first) > 1:
+            few = "only one row" if count else "no row"
+            return UnusableInput(f"{path}: has {few} below its header; give a longer log.")
     unread = next((field for file in files for field in file.log.fields() if field.unread), None)
     texts = [f"{name}: {said}" for file in files for name, said in file.left_out.items()]
     nearly = next((said for said in texts if "mend" in said), None)
