@@ -45,8 +45,8 @@ with `-O2`.
 ## What was proved
 
 Every build was stepped beside {document.reference.rstrip(",")}, over {document.steps:,} samples or
-more. The measure is the worst difference over the largest force, of the worst channel; the limit is
-{document.limit:.1e}.
+more. The measure is the worst difference as a share of the force's range, which counts as no less
+than a twentieth of the largest force, of the worst channel; the limit is {document.limit:.1e}.
 
 | compiler | flags | difference |
 |---|---|---:|

@@ -99,6 +99,8 @@ def test_a_package_becomes_four_files_that_a_compiler_alone_can_prove(made, tmp_
     subprocess.run(["cc", "-O2", *sources, "-o", program, "-lm"], check=True)
     said = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     assert re.fullmatch(r"gru: passed, max_rel \S+ over 3200 steps, limit 1.0e-05\n", said)
+    assert "over the force's range" in (made / "gru_test.c").read_text()
+    assert "a share of the force's range" in (made / "README.md").read_text()  # of the same measure
 
 
 def test_a_step_at_a_rigs_pace_tells_what_the_package_tells(made):

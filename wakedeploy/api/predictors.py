@@ -214,7 +214,7 @@ def export(
     """Turn a trained run into one self-contained file that the Pi runs, and into C.
 
     The exported graph is stepped beside the training-time forward over at least 3,200 samples; a
-    difference above the limit (1e-5 of the largest force) leaves no file. With `c` it also becomes
+    difference above the limit (1e-5 of the force's range) leaves no file. With `c` it also becomes
     a folder of C, which is compiled here and passes the same gate.
 
     Args:
