@@ -288,7 +288,10 @@ def _next(run: TrainedRun) -> tuple[str, list[str]]:
     ]
     if run.config.domain == "gantry":
         lines.append(f"wakedeploy run-gantry --package {package} --virtual --seconds 20 --live")
-    return "What to do next: make a package of it, prove it, and fly it.", lines
+        return "What to do next: make a package of it, prove it, and fly it.", lines
+    folder = f"{run.config.arch.replace('-', '_')}_c"
+    lines.append(f"wakedeploy export --package {package} --c {folder}")
+    return "What to do next: make a package of it, prove it, and make C of it for a chip.", lines
 
 
 def _attempts(run: TrainedRun) -> tuple[str, list[str]]:

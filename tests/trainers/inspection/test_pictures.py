@@ -86,6 +86,8 @@ def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tm
     assert "explains 91 % of the force's variance there" in text
     assert f"wakedeploy export --run {run.folder}" in text
     assert "run-gantry" not in text  # no gantry
+    assert "fly it" not in text
+    assert "wakedeploy export --package agile-mlp.onnx --c agile_mlp_c" in text
     dots = re.findall(r"<title>validation: ([\d.]+) at epoch (\d+)</title>", text)
     assert [float(error) ** 2 for error, _ in dots] == pytest.approx(run.metrics.history, rel=1e-3)
     (tested,) = run.metrics.test_episodes
@@ -124,7 +126,7 @@ def test_nothing_learned_is_said_by_the_forecast_that_is_named(echo: EpisodeSet,
     assert "to within 0.0731 N (RMS): poorly." in better
     assert "the mean force of the training episodes errs by 0.175 N" in better
     assert "naming their own mean would err by 0.0258 N" in better  # 0.0258² × 8 = 0.0731²
-    assert "make a package of it, prove it, and fly it" in better
+    assert "make a package of it, prove it, and make C of it" in better
     worse = page_of(run, 0.18, 0.1, beside)
     assert "to within 0.18 N (RMS): it learned nothing." in worse
     assert "Always naming the mean force of the training episodes errs no more" in worse
