@@ -186,6 +186,8 @@ def test_a_name_that_says_its_unit_keeps_it(tmp_path: Path) -> None:
         ("tau_n_m", "tau_n_m", "N m", None),
         ("load_MN", "load_mn", "MN", None),
         ("Temp [degC]", "temp_k", "K", None),
+        ("Stellgröße [mN]", "stellgrosse_mn", "mN", "mN"),
+        ("Tête é [mN]", "tete_e_mn", "mN", "mN"),
     ],
 )
 def test_a_column_keeps_the_unit_that_its_name_ends_in(

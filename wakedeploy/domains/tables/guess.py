@@ -8,6 +8,7 @@ reading refuses it by name.
 import itertools
 import re
 import textwrap
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -642,9 +643,11 @@ def _unit(field: Field) -> tuple[str | None, str]:
 
 
 def _name(address: str, taken: set[str]) -> str:
-    """A name of letters, digits and _ that no other column has."""
-    bare = re.sub(r"\s*\([^()]*\)\s*$", "", address)
-    plain = re.sub(r"[^A-Za-z0-9]+", "_", bare).strip("_").lower() or "column"
+    """A name of letters, digits and _ that no other column has; of `ö` the o, of `ß` ss."""
+    bare = re.sub(r"\s*\([^()]*\)\s*$", "", address).casefold()
+    parted = unicodedata.normalize("NFKD", bare)
+    letters = "".join(c for c in parted if not unicodedata.combining(c))
+    plain = re.sub(r"[^a-z0-9]+", "_", letters).strip("_") or "column"
     plain = plain if plain[0].isalpha() else f"column_{plain}"
     name, count = plain[:60].rstrip("_"), 2
     while name in taken:
