@@ -6,22 +6,20 @@ point; UnusableInput with one sentence else. A constant that may be on either si
 
 import functools
 import math
-import numbers
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, replace
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import SHOWN_ALONE, is_known, same_unit
+from wakedeploy.core.units import same_unit
 from wakedeploy.gap.systems.calls import called
+from wakedeploy.gap.systems.statements import check_statements, is_unit, names_of
 from wakedeploy.gap.systems.system import (
     Constant,
     FloatArray,
     Input,
-    Output,
     Point,
     Port,
     StateSpace,
@@ -40,8 +38,6 @@ _System = TypeVar("_System", bound=StateSpace)
 Method = Callable[[Point, Point, Point], dict[str, Any]]
 Evaluate = Callable[[Mapping[str, FloatArray]], dict[str, Any]]
 
-HOLDS = ("step", "linear", "bandlimited")
-MOST_STEPS = 64
 _WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
 _POINTS = 20  # at which a constant is tried on either side of 0
 _FAR = 4.0  # spreads from its value: bounds of a constant whose spread lets it turn
@@ -61,7 +57,7 @@ def checked(system: _System) -> _System:
     shape or not finite.
     """
     _check_hidden_names(system)
-    _check_statements(system)
+    check_statements(system)
     _check_ports(system)
     _check_functions(system)
     vars(system)["constants"] = [_bounded(system, c) for c in system.constants]
@@ -121,166 +117,20 @@ def _check_hidden_names(system: StateSpace) -> None:
             )
 
 
-def _check_statements(system: StateSpace) -> None:
-    for attribute in ("rate_hz", "inputs", "states", "outputs"):
-        if not hasattr(system, attribute):
-            raise UnusableInput(f"{system.name}: no `{attribute}`; state it in the class.")
-    if not (isinstance(system.rate_hz, (int, float)) and 0.0 < system.rate_hz < math.inf):
-        raise UnusableInput(f"{system.name}.rate_hz is {system.rate_hz!r}; give samples a second.")
-    if type(system.costs_by_point) is not bool:
-        raise UnusableInput(
-            f"{system.name}.costs_by_point is {system.costs_by_point!r}; give True or False."
-        )
-    if isinstance(system.exported, str) or not all(
-        isinstance(name, str) and Path(name).name == name for name in system.exported
-    ):
-        raise UnusableInput(
-            f"{system.name}.exported is {system.exported!r}; give a list of file names."
-        )
-    if type(system.steps) is not int or not 1 <= system.steps <= MOST_STEPS:
-        raise UnusableInput(
-            f"{system.name}.steps is {system.steps!r}; give a whole number from 1 to {MOST_STEPS}."
-        )
-    if system.has_step and system.steps > 1:
-        raise UnusableInput(
-            f"{system.name} has a `step` of its own, a sample long; leave out `steps`, or write a "
-            "`derivative`."
-        )
-    for attribute, kind in (("inputs", Input), ("outputs", Output), ("constants", Constant)):
-        for each in getattr(system, attribute):
-            if not isinstance(each, kind):
-                raise UnusableInput(
-                    f"{system.name}.{attribute} has {each!r}; write {kind.__name__}(name, …)."
-                )
-    stated: list[Input | Output | Constant]
-    stated = [*system.inputs, *system.outputs, *system.constants]
-    for each in stated:
-        _check_numbers(system, each)
-    if not system.states or not system.outputs:
-        raise UnusableInput(f"{system.name}: at least one state and one output are needed.")
-    if system.has_step == hasattr(system, "derivative"):
-        which = "both" if system.has_step else "neither"
-        raise UnusableInput(
-            f"{system.name} has {which} of `derivative` and `step`; write one of them."
-        )
-    _check_names(system)
-
-
-def _check_numbers(system: StateSpace, stated: Input | Output | Constant) -> None:
-    """UnusableInput for a field that is to be a number, and is a text or a list."""
-    for each in fields(stated):
-        value = getattr(stated, each.name)
-        kind = str(each.type)
-        if each.name == "delay_s" or "float" not in kind or (value is None and "None" in kind):
-            continue  # a delay has a sentence of its own
-        value = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
-        if isinstance(value, bool) or not isinstance(value, numbers.Real):
-            raise UnusableInput(
-                f"{system.name}: {each.name} of {type(stated).__name__}({stated.name!r}) is "
-                f"{value!r:.60}; give a number."
-            )
-
-
-def _check_names(system: StateSpace) -> None:
-    groups = (system.inputs, system.outputs, system.constants)
-    for group in groups:
-        names = [each.name for each in group]
-        for name in names:
-            if not name.isidentifier():
-                raise UnusableInput(f"{system.name}: {name!r} is no name; use letters and _.")
-            if names.count(name) > 1:
-                raise UnusableInput(f"{system.name}: {name!r} is stated twice; drop one.")
-    for name in {i.name for i in system.inputs} & {*system.states, *_names(system.outputs)}:
-        raise UnusableInput(f"{system.name}: {name!r} is an input and a state; rename one.")
-    for i in system.inputs:
-        if i.low is not None and i.high is not None and not i.low < i.high:
-            raise UnusableInput(
-                f"{system.name}: input {i.name!r} has the limits {i.low} and {i.high}; give the "
-                "lower one first."
-            )
-        if not isinstance(i.delay_s, int | float) or not 0.0 <= i.delay_s < math.inf:
-            raise UnusableInput(
-                f"{system.name}: input {i.name!r} has the delay_s {i.delay_s!r}; give seconds, of "
-                "0 or more."
-            )
-        _check_law(system, i)
-        if i.hold not in HOLDS:
-            raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {HOLDS}.")
-    for o in system.outputs:
-        if o.noise is not None and not 0.0 <= o.noise < math.inf:
-            raise UnusableInput(
-                f"{system.name}: output {o.name!r} has the noise {o.noise}; give one from 0."
-            )
-    for c in system.constants:
-        low, high = c.bounds
-        if not (math.isfinite(c.value) and c.spread >= 0.0 and low <= c.value <= high):
-            raise UnusableInput(
-                f"{system.name}: constant {c.name!r} is {c.value:g} with spread {c.spread:g} in "
-                f"[{low:g}, {high:g}]; give a finite value within its bounds, and a spread from 0."
-            )
-    _check_units(system)
-    for name in (*system.process_noise, *system.start_spread):
-        if name not in system.states:
-            raise UnusableInput(
-                f"{system.name}: process_noise or start_spread names {name!r}, which is no state."
-            )
-
-
-def _check_law(system: StateSpace, stated: Input) -> None:
-    """Refuse a hold or limits on a computed input: its sources have them."""
-    if stated.law is None:
-        return
-    where = f"{system.name}: the law of input {stated.name!r}"
-    if not callable(stated.law):
-        raise UnusableInput(f"{where} is {stated.law!r}; give a function of the logged inputs.")
-    if stated.hold != "step" or stated.low is not None or stated.high is not None:
-        raise UnusableInput(
-            f"{where} makes it of what is logged: state `hold`, `low` and `high` of that."
-        )
-
-
-def _check_units(system: StateSpace) -> None:
-    """Refuse an unknown unit, and another one of an output than of the state that it is.
-
-    "" means none, or for a constant the unit that its name says.
-    """
-    stated = [("input", i.name, i.unit) for i in system.inputs]
-    stated += [("output", o.name, o.unit) for o in system.outputs]
-    stated += [("state", name, unit) for name, unit in system.states.items()]
-    stated += [("constant", c.name, c.unit) for c in system.constants]
-    for what, name, unit in stated:
-        if unit not in SHOWN_ALONE and not is_known(unit):
-            raise UnusableInput(
-                f"{system.name}: {what} {name!r} has the unit {unit!r}, which is not known; give "
-                'one such as m, rad, N m, V, A or m/s^2, "1" for none.'
-            )
-    if hasattr(system, "measure"):  # which may convert
-        return
-    for output in system.outputs:
-        unit = system.states.get(output.name, output.unit)
-        if not {unit, output.unit} & {"", "1"} and not same_unit(unit, output.unit):
-            raise UnusableInput(
-                f"{system.name}: output {output.name!r} is the state of that name, which is in "
-                f"{unit}, and not in {output.unit}; state one unit, or convert it in `measure`."
-            )
-
-
 def _check_ports(system: StateSpace) -> None:
     known = {
-        "input": _names(system.inputs),
+        "input": names_of(system.inputs),
         "force": tuple(system.states),
-        "output": _names(system.outputs),
-        "constant": _names(system.constants),
+        "output": names_of(system.outputs),
+        "constant": names_of(system.constants),
     }
-    rubbing = [p.name for p in system.ports if isinstance(p, Port) and p.friction]
+    rubbing = [p.name for p in system.ports if p.friction]
     if twice := next((name for name in rubbing if rubbing.count(name) > 1), ""):
         raise UnusableInput(
             f"{system.name}: two ports state a friction of {twice!r}; add up what acts there in one"
             " constant."
         )
     for port in system.ports:
-        if not isinstance(port, Port):
-            raise UnusableInput(f"{system.name}.ports has {port!r}; write Port.input(name), ….")
         wanted = [(port.role, port.name)] if port.role in known else []
         wanted += [("constant", n) for n in (port.inertia, port.friction) if n]
         wanted += [("force", n) for n in (port.position, port.height) if n]
@@ -343,7 +193,18 @@ def _check_sizes(system: StateSpace, port: Port) -> None:
             f"{system.name}: the effect {port.name!r} has no parameter at which it vanishes; state "
             "its size as one."
         )
-    for name, (_, size) in (*port.parameters.items(), *port.shapes.items()):
+    for name, given in (*port.parameters.items(), *port.shapes.items()):
+        if not isinstance(given, (tuple, list)) or len(given) != 2:
+            raise UnusableInput(
+                f"{system.name}: {name!r} of the effect {port.name!r} is {given!r:.60}; give its "
+                'unit and a usual size, as ("N", 0.1).'
+            )
+        unit, size = given
+        if not is_unit(unit):
+            raise UnusableInput(
+                f"{system.name}: {name!r} of the effect {port.name!r} has the unit {unit!r}, which "
+                'is not known; give one such as N, m or 1/s, "1" for none.'
+            )
         if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
             raise UnusableInput(
                 f"{system.name}: {name!r} of the effect {port.name!r} has the usual size {size!r}; "
@@ -506,7 +367,3 @@ def _shape(value: Any) -> tuple[int, ...] | None:
 
 def _shape_in_words(shape: tuple[int, ...] | None) -> str:
     return "parts of several shapes" if shape is None else f"the shape {shape}"
-
-
-def _names(stated: Sequence[Input] | Sequence[Output] | Sequence[Constant]) -> tuple[str, ...]:
-    return tuple(each.name for each in stated)

@@ -5,6 +5,7 @@ says what such a class states and calls its functions; `files` reads one from a 
 tries it.
 """
 
+import functools
 from pathlib import Path
 from typing import Self
 
@@ -54,7 +55,8 @@ class System(StateSpace):
         """Every state and output along a recording's inputs, each (n,) at the system's rate.
 
         It starts where the recording does and sees no measurement afterwards. Raises UnusableInput
-        for what is no recording, or lacks a column.
+        for what is no recording, or lacks a column, and for a system in which something does not
+        fit.
         """
         if not isinstance(recording, Recording):
             raise UnusableInput(
@@ -63,4 +65,10 @@ class System(StateSpace):
             )
         from wakedeploy.gap.systems.simulation import simulated  # takes a second to load
 
+        assert self._is_sound
         return simulated(self, recording)
+
+    @functools.cached_property
+    def _is_sound(self) -> bool:
+        """Whether what it states fits; UnusableInput, and no error of numpy, where it does not."""
+        return checked(self) is self

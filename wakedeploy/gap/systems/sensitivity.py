@@ -22,12 +22,12 @@ from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.search.first_look import changes
 from wakedeploy.gap.systems.calls import attempted
-from wakedeploy.gap.systems.checks import MOST_STEPS
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.duration import long_search
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
+from wakedeploy.gap.systems.statements import MOST_STEPS
 from wakedeploy.gap.systems.system import Input, StateSpace
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
 from wakedeploy.gap.wording import behind, counted, listed, minus
@@ -92,7 +92,7 @@ def rows(model: LogModel, base: Fit, steps: StepsDone = uncounted) -> list[Row]:
 
 def column_notes(model: LogModel) -> list[str]:
     """What the columns themselves show: ends at which they stay, what never changes or hung."""
-    notes = []
+    notes = [why] if (why := model.without_effects) else []
     logs = model.logs
     if model.episodes < FEWEST_IN_ALL:
         notes.append(

@@ -136,9 +136,9 @@ class Port:
     shapes: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
 
     @classmethod
-    def input(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
-        """At a logged input, before it reaches the system; `kinds` are all if none is given."""
-        return cls("input", name, kinds=tuple(kinds))
+    def input(cls, name: str, kinds: Sequence[str] | str = ()) -> "Port":
+        """At a logged input, before it reaches the system; `kinds`, one or several, or all."""
+        return cls("input", name, kinds=_several(kinds))
 
     @classmethod
     def force(
@@ -148,7 +148,7 @@ class Port:
         position: str = "",
         height: str = "",
         unit: str = "",
-        kinds: Sequence[str] = (),
+        kinds: Sequence[str] | str = (),
         friction: str = "",
         like: str = "",
     ) -> "Port":
@@ -164,17 +164,17 @@ class Port:
         "-elbow_nm" is a motor that pushes backward. It goes without `inertia` and `unit`, and bends
         with that input where the model limits it.
         """
-        return cls("force", speed, inertia, position, height, unit, tuple(kinds), friction, like)
+        return cls("force", speed, inertia, position, height, unit, _several(kinds), friction, like)
 
     @classmethod
-    def output(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
+    def output(cls, name: str, kinds: Sequence[str] | str = ()) -> "Port":
         """At a sensor, between what the system does and what is logged."""
-        return cls("output", name, kinds=tuple(kinds))
+        return cls("output", name, kinds=_several(kinds))
 
     @classmethod
-    def constant(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
+    def constant(cls, name: str, kinds: Sequence[str] | str = ()) -> "Port":
         """At a constant, which may then be another or change with time."""
-        return cls("constant", name, kinds=tuple(kinds))
+        return cls("constant", name, kinds=_several(kinds))
 
     @classmethod
     def custom(
@@ -191,6 +191,12 @@ class Port:
         usual size; at 0 the effect has to vanish. `shapes` are further parameters that say where or
         how it acts, as the width of a jet: positive, from a tenth to ten times the usual size.
         """
+        for what, given in (("parameters", parameters), ("shapes", shapes or {})):
+            if not isinstance(given, Mapping):
+                raise UnusableInput(
+                    f"The effect {name!r} has the {what} {given!r:.60}; give a unit and a usual "
+                    'size by name, as {"strength_n": ("N", 0.1)}.'
+                )
         return cls(
             "custom",
             name,
@@ -215,6 +221,11 @@ class Port:
         p = {name: size * usual for name, (_, usual) in self.parameters.items()}
         p |= {name: usual for name, (_, usual) in self.shapes.items()}
         return self.function(time_s, state, inputs, Point("parameter", p))
+
+
+def _several(kinds: Sequence[str] | str) -> tuple[str, ...]:
+    """Kinds as a tuple; a single one may be given alone, and a text is no list of its letters."""
+    return (kinds,) if isinstance(kinds, str) else tuple(kinds)
 
 
 class Point:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.names import unknown
 from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.systems.kinds import forces, inputs, sensors
 from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
@@ -89,13 +90,14 @@ def plain(name: str) -> str:
     return with_name(phrase.format(port=port, other=other), name)
 
 
-def kind_named(role: str, name: str) -> Kind:
-    """A kind by its name; UnusableInput for one that the role does not have."""
-    for kind in KINDS_BY_ROLE[role]:
+def kind_named(port: Port, name: str) -> Kind:
+    """A kind by its name; UnusableInput for one that the port's role does not have."""
+    for kind in KINDS_BY_ROLE[port.role]:
         if kind.name == name:
             return kind
-    known = ", ".join(k.name for k in KINDS_BY_ROLE[role])
-    raise UnusableInput(f"no kind {name!r} for an {role} port; there are: {known}.")
+    known = [k.name for k in KINDS_BY_ROLE[port.role]]
+    what = unknown(name, f"kind of the {port.role} port {port.name!r}", dict.fromkeys(known))
+    raise UnusableInput(f"{what}.")
 
 
 def offered(
@@ -133,7 +135,7 @@ def _kinds(system: StateSpace, port: Port, sizes: Mapping[str, float]) -> tuple[
     if port.role == "custom":
         return (custom_kind(port),)
     for name in port.kinds:
-        kind_named(port.role, name)
+        kind_named(port, name)
     return tuple(
         kind
         for kind in KINDS_BY_ROLE[port.role]

@@ -118,14 +118,20 @@ class LogModel(ComparisonDefaults):
                 f"{self.name}: no output moves in these logs ({which}); mend them if a sensor "
                 "hangs, name other columns, or record a log that moves."
             )
+        if why := self.without_effects:
+            raise UnusableInput(why)
+
+    @property
+    def without_effects(self) -> str:
+        """Why there is no effect to search for, and what to do; "" where there is one."""
         if self.library:
-            return
+            return ""
         if self.system.ports:
-            raise UnusableInput(
+            return (
                 f"{self.name}: its ports offer no effect that these logs could show; leave out "
                 "their `kinds`, state further ports, or record a log that moves more."
             )
-        raise UnusableInput(
+        return (
             f"{self.name} states no ports, so that there is no effect to ask for; state where one "
             "may act: ports = [Port.input(…), Port.force(…), Port.output(…)]."
         )

@@ -1,0 +1,91 @@
+"""What a system states is looked at before anything is computed with it, also by `simulate`."""
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.sensitivity import column_notes
+
+
+class Tank(System):
+    rate_hz = 20.0
+    inputs = [Input("valve", "1")]
+    states = {"tank_pa": "Pa"}
+    outputs = [Output("tank_pa", "Pa", noise=100.0)]
+    constants = [Constant("fill_pa_per_s", 5e3, spread=100.0), Constant("leak_per_s", 0.05)]
+    ports = [Port.input("valve"), Port.force("tank_pa")]
+
+    def derivative(self, state, inputs, c):
+        return {"tank_pa": c.fill_pa_per_s * inputs.valve - c.leak_per_s * state.tank_pa}
+
+
+def _log():
+    valve = np.repeat(np.random.default_rng(0).uniform(0.0, 1.0, 20), 20)
+    columns = {"valve": valve, "tank_pa": 1e3 * np.cumsum(valve)}
+    return Recording("bench", np.arange(400) / 20.0, columns)
+
+
+def _with(**changes):
+    return type("Tank", (Tank,), changes)()
+
+
+def _leak(**form):
+    return [Port.custom("leak", lambda t, state, u, p: {"tank_pa": -p.size_pa_per_s}, **form)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"states": ["tank_pa"]}, r"states is \['tank_pa'\]; give the unit of each by its name"),
+        ({"states": {"tank_pa": 1}}, "state 'tank_pa' has the unit 1, which is not known"),
+        ({"inputs": Input("valve", "1")}, r"inputs is Input.*give a list, as \[Input\(name"),
+        ({"outputs": Output("tank_pa", "Pa")}, "outputs is Output.*give a list"),
+        ({"constants": {"leak_per_s": 0.05}}, "constants is {.*give a list, as .Constant"),
+        ({"ports": Port.input("valve")}, r"ports is Port.*give a list, as \[Port.input\(name\)"),
+        ({"ports": ["valve"]}, "ports has 'valve'; write Port.input"),
+        ({"inputs": [Input(3, "1")]}, "3 is no name"),
+        ({"inputs": [Input("valve", None)]}, "input 'valve' has the unit None"),
+        ({"inputs": [Input("valve", "1", hold="no")]}, "'no', not step, linear or bandlimited"),
+        ({"outputs": [Output("tank_pa", "Pa")] * 2}, "'tank_pa' is stated twice"),
+        ({"rate_hz": float("nan")}, "rate_hz is nan; give samples a second"),
+        ({"forecast_s": -1.0}, r"forecast_s is -1\.0; give seconds above 0"),
+        ({"forecast_s": "1 s"}, "forecast_s is '1 s'; give seconds above 0"),
+        ({"outlier_share": 1}, r"outlier_share is 1; give a share .*below 0\.5"),
+        ({"process_noise": 0.1}, r"process_noise is 0\.1; give a size by the name of each state"),
+        ({"process_noise": {"tank_pa": "low"}}, "process_noise of 'tank_pa' is 'low'; give a num"),
+        ({"start_spread": {"tank_pa": -3.0}}, r"start_spread of 'tank_pa' is -3\.0; give a num"),
+        ({"start_spread": {"tnk_pa": 3.0}}, "start_spread names 'tnk_pa', .*there are: tank_pa"),
+        ({"ports": _leak(parameters={"size": 0.1})}, r"'size' of the effect 'leak' is 0\.1; give"),
+        ({"ports": _leak(parameters={"size": ("Paa", 0.1)})}, "'size' .* unit 'Paa', .* not known"),
+    ],
+)
+def test_a_replay_is_refused_for_what_does_not_fit(changes, said):
+    with pytest.raises(UnusableInput, match=f"^Tank.*{said}"):
+        _with(**changes).simulate(_log())
+
+
+def test_an_effect_of_one_s_own_has_its_parameters_by_name():
+    with pytest.raises(UnusableInput, match=r"'leak' has the parameters .*by name, as"):
+        _leak(parameters=["size"])
+
+
+def test_a_single_kind_may_stand_without_a_list():
+    for port in (Port.input("valve", kinds="lag"), Port.force("tank_pa", kinds="offset")):
+        (effect,) = LogModel(_with(ports=[port]), [_log()]).library
+        assert effect in ("lag@valve", "offset@tank_pa")
+
+
+def test_a_mistyped_kind_is_answered_with_its_port_and_the_one_that_is_near():
+    system = _with(ports=[Port.input("valve", kinds=["deadband"])])
+    said = "'deadband' is no kind of the input port 'valve'; did you mean dead-band"
+    with pytest.raises(UnusableInput, match=said):
+        LogModel(system, [_log()])
+
+
+def test_a_look_says_that_no_effect_can_be_asked_for():
+    """The attribute may be mistyped: then a table of constants alone looked complete."""
+    model = LogModel(_with(ports=[]), [_log()])
+    assert any("states no ports" in note for note in column_notes(model))
