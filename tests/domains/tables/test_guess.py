@@ -12,6 +12,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Delimited, Encoding, parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.guess_asked import Asked
 from wakedeploy.domains.tables.guess_rate import usual_hz
 from wakedeploy.domains.tables.reading import read_recordings
 
@@ -130,6 +131,17 @@ def test_a_table_in_another_encoding_is_guessed_and_read(encoding: str, tmp_path
     wrong = columns.model_copy(update={"csv": Delimited(encoding="ascii")})
     with pytest.raises(UnusableInput, match=rf'encoding = "{encoding}" in columns\.toml'):
         read_recordings([path], wrong)
+
+
+@pytest.mark.parametrize(("unit", "begins"), [("K", 20.0 + 273.15), ("°C", 20.0)])
+def test_degrees_celsius_are_seen_in_a_name(unit: str, begins: float, tmp_path: Path) -> None:
+    """A file without units, as of MATLAB, says them in names alone."""
+    np.savez(tmp_path / "log.npz", t=np.arange(50) / 10, plate_degC=20.0 + np.arange(50))
+    guessed = guess_columns(tmp_path / "log.npz", [Asked("plate", "output", unit)])
+    (recording,) = read_recordings(
+        [tmp_path / "log.npz"], parse_columns(guessed), {"plate": unit}
+    ).recordings
+    assert recording.columns["plate"][0] == pytest.approx(begins)
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "latin-1"])

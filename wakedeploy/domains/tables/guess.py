@@ -272,7 +272,7 @@ def _matches(asked: Sequence[Asked], files: Sequence[_File]) -> Matches:
             if not is_unknown:
                 place = file.name, _called(field)
                 called[place] = file.name, field.name
-                units[place] = field.unit if field.unit in SHOWN_ALONE else unit
+                units[place] = "°C" if _is_in_celsius(field) else unit
         for found in quaternions_in(file.values):
             for angle in _ANGLES:
                 place = file.name, _asked_as(found, angle)
@@ -495,7 +495,7 @@ def _entry(
     yield f"column = {toml(field.name)}{_seen_by(match)}"
     yield from _place(file, base, field.name)
     yield f'role = "{match.asked.role if match else "unused"}"'
-    if match and match.asked.unit in SHOWN_ALONE and field.unit in SHOWN_ALONE:
+    if match and match.asked.unit in SHOWN_ALONE and _is_in_celsius(field):
         unit, remark = match.asked.unit, ""
     if unit is None and match:
         unit, remark = match.asked.unit, f"{remark}; taken as the system has it"
@@ -627,7 +627,7 @@ def _unit(field: Field) -> tuple[str | None, str]:
         is_gravity = field.unit == "g" and re.match(r"a(cc|x|y|z)", field.name, re.I)
         if is_gravity:
             return "m/s^2", "\nscale = 9.80665  # ? the log counts in gravities"
-        if field.unit in SHOWN_ALONE:
+        if _is_in_celsius(field):
             return "K", f"\noffset = 273.15  # the log counts in {field.unit}"
         try:
             si_unit(field.unit)
@@ -636,10 +636,19 @@ def _unit(field: Field) -> tuple[str | None, str]:
             return None, f"  # ? the log says {plain_line(field.unit)}, which is not known"
     if (cased := re.search(r"_([mkuM]N|MW)$", field.name)) is not None:
         return cased[1], "  # ? by its name"
+    if _is_in_celsius(field):
+        return "K", "  # ? by its name\noffset = 273.15  # it counts in °C"
     for pattern, unit in _UNITS_BY_NAME:
         if re.search(pattern, field.name.lower()):
             return unit, "  # ? by its name"
     return None, "  # ? the log does not say"
+
+
+def _is_in_celsius(field: Field) -> bool:
+    """Whether it counts in °C by what the log says, or by its name where the log says nothing."""
+    if field.unit is None:
+        return _CELSIUS.search(field.name) is not None
+    return field.unit in SHOWN_ALONE
 
 
 def _name(address: str, taken: set[str]) -> str:
