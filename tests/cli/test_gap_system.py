@@ -333,7 +333,10 @@ def test_a_log_in_other_names_and_units_is_the_same_log(folder, foreign, tmp_pat
     assert converted["without"]["position_m"] == pytest.approx(own["without"]["position_m"])
 
 
-@pytest.mark.parametrize(("role", "other"), [("input", "output"), ("output", "input")])
+@pytest.mark.parametrize(
+    ("role", "other"),
+    [("input", "output"), ("output", "input"), ("input", "unused"), ("output", "unused")],
+)
 def test_a_role_that_is_not_the_system_s_is_refused(role, other, folder, foreign, tmp_path):
     """What drives a system is held where it is not logged; what it shows is not."""
     text = COLUMNS.format(name="voltage_v")

@@ -120,14 +120,15 @@ def _without_copies(recordings: Sequence[Recording], system: System, warn: Warn)
 
 
 def _require_roles(columns: Columns, system: System) -> None:
-    """UnusableInput for an input that is read as a reading, or an output as a command.
+    """UnusableInput for an input that is read as a reading, an output as a command, or neither.
 
-    What drives the system has a value at all times; what it shows counts where it was measured.
+    What drives the system has a value at all times; what it shows counts where it was measured. A
+    table that has the system's name and is still unused is one that nobody has given its role.
     """
     opposite = {"input": {"output"}, "output": {"input"}}
     for each in asked_of_logs(system):
         column = columns.columns.get(each.name)
-        if column is not None and set(column.roles) == opposite[each.role]:
+        if column is not None and set(column.roles) in (opposite[each.role], {"unused"}):
             raise UnusableInput(
                 f"{columns.file}: columns.{each.name}.role is {column.roles[0]!r}, and it is an "
                 f'{each.role} of {system.name}; give role = "{each.role}".'

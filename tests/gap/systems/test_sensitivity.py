@@ -7,7 +7,7 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.recording import Recording
+from wakedeploy.core.recording import Origin, Recording
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.likelihood.augmented import Acting
@@ -249,6 +249,8 @@ def test_degrees_that_are_taken_for_radians_are_turns() -> None:
         in told
     )
     assert "turns" not in _notes(0.0, **angle)
+    in_degrees = Recording("read", log.time_s, columns, {"command_pct": Origin("deg", False)})
+    assert "turns" not in "\n".join(column_notes(LogModel(_valve(**angle), [in_degrees])))
 
 
 def test_one_reading_at_an_end_is_no_limit() -> None:

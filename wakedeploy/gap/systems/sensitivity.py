@@ -302,10 +302,13 @@ def _ranges(model: LogModel) -> list[str]:
     named = [(f"input {i.name}", i.unit) for i in system.inputs]
     named += [(f"output {o.name}", o.unit) for o in system.outputs]
     every = np.concatenate([np.concatenate([log.inputs, log.outputs]) for log in model.logs], 1)
+    # What columns.toml has in degrees is no number of degrees that was taken for radians.
+    origins = [at for recording in model.recordings for at in recording.origins.items()]
+    known = {name for name, origin in origins if origin.unit != "rad"}
     ends = zip(np.nanmin(every, axis=1), np.nanmax(every, axis=1), strict=True)
     return [
         f"{name}: {minus(f'{low:.4g}')} to {minus(f'{high:.4g}')}{behind(unit)}"
-        f"{_turned(high - low, unit)}"
+        f"{'' if name.split()[1] in known else _turned(high - low, unit)}"
         for (name, unit), (low, high) in zip(named, ends, strict=True)
     ]
 
