@@ -201,6 +201,39 @@ def test_a_log_that_is_another_s_copy_counts_once_and_that_is_said(place: Path) 
     kept = recordings_of(logs, None, system, heard.append)
     assert [recording.name for recording in kept] == ["made 0", "made 1"]
     assert heard == ["copy has the samples of made 1: a copy, which is left out"]
+    assert len(recordings_of([logs[0], logs[0]], None, system, heard.append)) == 1
+    assert heard[1:] == ["made 0 is given twice; it counts once"]
+
+
+@pytest.mark.parametrize(
+    ("measured", "said"),
+    [
+        (None, "measured has a NoneType, None: give recordings, as of wd.read_log"),
+        ([recorded(0), 3], "measured has a int, 3: give recordings"),
+        ({"force_n": [1.0]}, "measured has a dict, {'force_n'.*: give recordings"),
+    ],
+)
+def test_what_is_no_log_is_refused_by_its_kind(
+    measured: Any, said: str, place: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(wd.UnusableInput, match=said):
+        wd.close_gap(_kind(place), measured, tmp_path / "gap")
+
+
+def test_a_table_of_pandas_is_no_list_of_logs(place: Path, tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame({"force_n": [1.0, 2.0]})
+    with pytest.raises(wd.UnusableInput, match=r"measured has a DataFrame.*give recordings"):
+        wd.close_gap(_kind(place), table, tmp_path / "gap")
+
+
+def test_columns_and_a_correction_are_given_by_their_paths(place: Path, tmp_path: Path) -> None:
+    kind: Any = _kind(place)
+    columns: Any = {"force_n": "N"}
+    with pytest.raises(wd.UnusableInput, match=r"columns is {'force_n': 'N'}: give a path"):
+        wd.close_gap(kind, place / "log.csv", tmp_path / "gap", columns=columns)
+    with pytest.raises(wd.UnusableInput, match="path is 3: give a path"):
+        kind.corrected(3)
 
 
 @pytest.mark.whole

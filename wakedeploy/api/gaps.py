@@ -3,7 +3,7 @@
 import functools
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -349,7 +349,8 @@ def _several(measured: Any) -> list[Any]:
 
 
 def _logs_of_system(measured: Any) -> "list[Recording | PathLike]":
-    logs = _several(measured)
+    is_table = isinstance(measured, Mapping) or hasattr(measured, "to_dict")
+    logs = [measured] if is_table else _several(measured)  # and not its columns' names
     if any(isinstance(log, Flight) for log in logs):
         raise UnusableInput(
             "A flight is of a rig; give a system recordings (wd.read_log) or files of its logs."

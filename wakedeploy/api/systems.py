@@ -16,6 +16,7 @@ import numpy as np
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.caller import Warn
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import path_from
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import Columns, read_columns
 from wakedeploy.domains.tables.guess_asked import Asked
@@ -80,7 +81,7 @@ def recordings_of(
 
     Of logs, outputs that are angles go on where they jump by a turn; of recordings that is said.
     """
-    paths = [Path(log) for log in measured if not isinstance(log, Recording)]
+    paths = [_log_path(log) for log in measured if not isinstance(log, Recording)]
     require_logs(paths, LOG)
     given = [log for log in measured if isinstance(log, Recording)]
     for note in (note for recording in given for note in jumps(system, recording)):
@@ -90,13 +91,23 @@ def recordings_of(
         return _without_copies([*given, *plain], system, warn)
     if not paths:
         raise UnusableInput("columns go with logs that are read from files; leave them out.")
-    known = columns if isinstance(columns, Columns) else read_columns(Path(columns))
+    known = columns if isinstance(columns, Columns) else read_columns(path_from(columns, "columns"))
     _require_roles(known, system)
     units = {each.name: each.unit for each in asked_of_logs(system)}
     reading = read_recordings(paths, known, units)
     for note in reading.notes:
         warn(note)
     return _without_copies([*given, *reading.recordings], system, warn)
+
+
+def _log_path(given: object) -> Path:
+    """The file of a log; UnusableInput for what is neither that nor a recording, as a DataFrame."""
+    if isinstance(given, str | os.PathLike):
+        return path_from(given, "measured")
+    raise UnusableInput(
+        f"measured has a {type(given).__name__}, {given!r:.60}: give recordings, as of wd.read_log "
+        "or wd.Recording, or files of logs."
+    )
 
 
 def _without_copies(recordings: Sequence[Recording], system: System, warn: Warn) -> list[Recording]:
@@ -111,9 +122,12 @@ def _without_copies(recordings: Sequence[Recording], system: System, warn: Warn)
         moving = [n for n in asked if len(np.unique(recording.columns[n])) > 1]
         for name in moving:
             digest.update(name.encode() + np.ascontiguousarray(recording.columns[name]).tobytes())
-        first = known.setdefault(digest.hexdigest(), recording) if moving else recording
-        if first is recording:
+        first = known.get(digest.hexdigest()) if moving else None
+        if first is None:
+            known[digest.hexdigest()] = recording
             kept.append(recording)
+        elif first is recording:
+            warn(f"{recording.name} is given twice; it counts once")
         else:
             warn(f"{recording.name} has the samples of {first.name}: a copy, which is left out")
     return kept

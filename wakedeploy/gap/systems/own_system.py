@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Self
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import path_from
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.correction import read_correction
@@ -48,7 +49,7 @@ class System(StateSpace):
         Raises UnusableInput for a file that cannot be read or corrects another system.
         """
         found = checked(cls())
-        found.correction = read_correction(Path(path), found.name)
+        found.correction = read_correction(path_from(path, "path"), found.name)
         return found
 
     def simulate(self, recording: Recording) -> dict[str, FloatArray]:
