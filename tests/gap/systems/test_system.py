@@ -98,6 +98,16 @@ def test_a_sound_system_passes():
             },
             "another 'position_m' for one point",
         ),
+        (
+            {
+                "derivative": lambda s, state, u, c: {
+                    "position_m": state.speed_mps + np.zeros(7),
+                    "speed_mps": 0.0,
+                }
+            },
+            r"do not fit each other .*\(3,5\) \(7,\)\).* leave each as it is",
+        ),
+        ({"derivative": lambda s, state, u, c: sys.exit(3)}, "derivative: it ends the program"),
         ({"outputs": [Output("force_v", "V")]}, "nothing for the output 'force_v'"),
         ({"ports": [Port.force("speed")]}, "the state 'speed', which is not there"),
         ({"ports": [Port.force("speed_mps", friction="rub_n")]}, "the constant 'rub_n', which is"),
@@ -157,6 +167,14 @@ def test_a_sound_system_passes():
 def test_what_does_not_fit_is_said_by_name(changes, said):
     with pytest.raises(UnusableInput, match=said):
         checked(_with(**changes))
+
+
+def test_a_file_that_is_a_script_too_is_told_where_to_put_that(tmp_path):
+    """It ended the command without a word, and with the status of a success."""
+    path = tmp_path / "script.py"
+    path.write_text("import sys\n\nsys.exit(0)\n")
+    with pytest.raises(UnusableInput, match=r"ends the program while it is read; .*__main__"):
+        read_system(path)
 
 
 def test_an_input_that_is_known_to_act_later_does():

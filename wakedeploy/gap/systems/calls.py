@@ -12,6 +12,7 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 
 _REAL = ("f", "i", "u", "b")  # kinds of numpy's numbers: floats, integers, truths
+_DO_NOT_FIT = "could not be broadcast"
 _TOOK_ARRAYS = re.compile(r"truth value of an array|scalar arrays|0-dimensional arrays")
 
 Returned = TypeVar("Returned")
@@ -23,7 +24,7 @@ def attempted(where: str, function: Callable[..., Returned], *given: Any) -> Ret
         return function(*given)
     except UnusableInput:
         raise
-    except Exception as error:  # whatever a user's function raises is reported with its name
+    except (Exception, SystemExit) as error:  # of a user's function, reported with its name
         raise UnusableInput(f"{where}: {_cause(error)}") from error
 
 
@@ -83,8 +84,15 @@ def _shortened(value: Any) -> str:
     return f"{value!r:.60}"
 
 
-def _cause(error: Exception) -> str:
+def _cause(error: Exception | SystemExit) -> str:
     """What a user's function raised, and what to write where it took arrays for numbers."""
+    if isinstance(error, SystemExit):
+        return "it ends the program; let it return, or raise an error that says why."
+    if _DO_NOT_FIT in str(error):
+        return (
+            f"its arrays do not fit each other ({str(error).strip(' .')}); it is called with "
+            "arrays of several shapes, so leave each as it is: no reshape, no fixed length."
+        )
     if _TOOK_ARRAYS.search(str(error)):
         return (
             f"it is called with arrays, and a line of it needs a single number ({error}); write "

@@ -158,6 +158,11 @@ def _module(file: Path) -> ModuleType:
         loader.exec_module(module)
     except SyntaxError as error:
         raise UnusableInput(f"{file}, line {error.lineno}: {error.msg}.") from error
+    except SystemExit as error:
+        raise UnusableInput(
+            f"{file} ends the program while it is read; put what runs as a script under "
+            '`if __name__ == "__main__":`.'
+        ) from error
     except Exception as error:  # whatever the user's file raises
         raise UnusableInput(f"{file}: {type(error).__name__}: {one_line(error)}.") from error
     return module
