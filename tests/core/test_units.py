@@ -149,6 +149,28 @@ def test_every_unit_that_the_manual_lists_is_known() -> None:
 )  # fmt: skip
 def test_a_name_s_end_says_its_unit(name: str, unit: str | None) -> None:
     assert unit_at_end(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("flow_m3_per_s", "m³/s"),
+        ("rise_k_per_s", "K/s"),
+        ("conductance_m3_per_s_pa", "m³/(s Pa)"),
+        ("heat_j_per_kg_k", "J/(kg K)"),
+        ("drag_n_s_per_m", "N s/m"),
+        ("fall_per_s2", "1/s²"),
+        ("leak_mbar_per_s", "mbar/s"),
+        ("near_per_kg", "1/kg"),
+        ("steps_per_m", "steps/m"),
+        ("gain_per_volt", None),
+        ("per_s", None),
+    ],
+)
+def test_what_stands_below_per_is_all_of_it(name: str, unit: str | None) -> None:
+    """A flow_m3_per_s had 1/s, and a conductance_m3_per_s_pa was a pressure."""
+    assert unit_at_end(name) == unit
+    assert unit is None or is_known(unit)
     if unit is not None:
         assert conversion(unit, unit) == 1  # one that is understood
 

@@ -246,8 +246,11 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
     "mps": "m/s", "mps2": "m/s²", "radps": "rad/s", "radps2": "rad/s²", "mm": "mm", "mv": "mV",
     "dps": "deg/s", "ma": "mA", "us": "us", "ms": "ms", "um": "um", "pct": "%", "percent": "%",
 }  # fmt: skip
-_ENDS_ABOVE = _ENDS | {"a": "A", "j": "J"}
-_ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s"}  # alone, `arm_a` is no current
+# Alone, `arm_a` is no current.
+_ENDS_ABOVE = _ENDS | {"a": "A", "j": "J", "k": "K", "l": "l", "m3": "m³", "n·s": "N s"}
+_ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s", "s2": "s²", "min": "min"}
+_ONE_WORD = {"_kg_m2": "_kgm2", "_n_m_per_": "_nm_per_", "_n_s_per_": "_n·s_per_"}
+_WORD_LETTERS = 3  # of what is no unit and is counted, as in `steps_per_m`; fewer may be one
 
 _ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt` is a constant
     "cm": ["cm"], "km": ["km"], "kmh": ["kmh"], "kn": ["kN", "knots"], "kt": ["knots"],
@@ -268,12 +271,29 @@ _PLAIN_ENDS = {"mps", "mps2", "radps", "radps2", "kgm2", "rpm", "kmh", "knots", 
 
 
 def unit_at_end(name: str) -> str | None:
-    """The unit that any name ends in, or None: `resistance_ohm` → "ohm", `push_n_per_v` → "N/V"."""
-    *words, end = name.replace("_kg_m2", "_kgm2").split("_")
-    if len(words) > 2 and words[-1] == "per" and words[-2] in _ENDS_ABOVE and end in _ENDS_BELOW:
-        below = _ENDS_BELOW[end]
-        return f"{_ENDS_ABOVE[words[-2]]}/{f'({below})' if set(below) & set(' /') else below}"
-    return _ENDS.get(end) if words and words[-1] != "per" else None
+    """The unit that any name ends in, or None: `resistance_ohm` → "ohm", `push_n_per_v` → "N/V".
+
+    All that stands below "per" counts, as in `heat_j_per_kg_k`, and a word above it that is no unit
+    is counted: `near_per_kg` → "1/kg". What the rig's constants end in is `unit_of`'s.
+    """
+    for parts, one in _ONE_WORD.items():
+        name = name.replace(parts, one)
+    *words, end = name.split("_")
+    if "per" not in words:
+        return _ENDS.get(end) if words else None
+    at = len(words) - 1 - words[::-1].index("per")
+    below = [_ENDS_BELOW.get(word) for word in (*words[at + 1 :], end)]
+    if at == 0 or None in below:
+        return None
+    per = " ".join(map(str, below))
+    per = f"({per})" if set(per) & set(" /") else per
+    above = words[at - 1]
+    if at > 1 and above in _ENDS_ABOVE:
+        return f"{_ENDS_ABOVE[above]}/{per}"
+    is_of_the_rig = any("_".join([*words[k:], end]) in _UNIT_OF_NAME for k in range(at + 1))
+    if (is_of_the_rig and not is_known(above)) or len(above) < _WORD_LETTERS:
+        return None
+    return f"{above if is_known(above) else 1}/{per}"
 
 
 def is_known(text: str) -> bool:
