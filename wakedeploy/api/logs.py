@@ -104,7 +104,8 @@ def guess_columns(log: PathLike, system: "SystemLike | None" = None) -> str:
         return guess(path)
     from wakedeploy.api.systems import asked_of_logs, system_of
 
-    return guess(path, asked_of_logs(system_of(system)))
+    known = system_of(system)
+    return guess(path, asked_of_logs(known), known.rate_hz)
 
 
 def _paths(files: Paths) -> list[Path]:

@@ -133,6 +133,25 @@ def test_a_table_in_another_encoding_is_guessed_and_read(encoding: str, tmp_path
         read_recordings([path], wrong)
 
 
+@pytest.mark.parametrize(
+    ("first", "step", "rate_hz", "unit"),
+    [
+        (0.0, 2.0, None, "ms"),
+        (0.0, 2.0, 0.5, "s"),  # of a furnace
+        (0.0, 2.0, 100.0, "ms"),
+        (0.0, 2.0, 3000.0, "ms"),  # no unit fits
+        (1.7e12, 10.0, 0.005, "ms"),  # a date says what it counts in, whatever the system's rate
+    ],
+)
+def test_a_clock_counts_in_what_the_system_s_rate_says(
+    first: float, step: float, rate_hz: float | None, unit: str, tmp_path: Path
+) -> None:
+    np.savez(tmp_path / "log.npz", t=first + step * np.arange(2400.0), x=np.arange(2400.0))
+    guessed = guess_columns(tmp_path / "log.npz", (), rate_hz)
+    assert f'unit = "{unit}"' in guessed.split("[columns")[0]
+    assert ("about 0.5 Hz, 4798 s" in guessed) == (unit == "s")
+
+
 @pytest.mark.parametrize(("unit", "begins"), [("K", 20.0 + 273.15), ("°C", 20.0)])
 def test_degrees_celsius_are_seen_in_a_name(unit: str, begins: float, tmp_path: Path) -> None:
     """A file without units, as of MATLAB, says them in names alone."""

@@ -34,6 +34,7 @@ from wakedeploy.domains.tables.guess_asked import (
 from wakedeploy.domains.tables.guess_clock import (
     MOST_COLUMNS,
     Timing,
+    at_rate,
     on_falls,
     own_timing,
     pace_of,
@@ -120,17 +121,20 @@ class _File:
             yield from sampled_of(self.name, timing, stamped)
 
 
-def guess_columns(path: Path | str, asked: Sequence[Asked] = ()) -> str:
+def guess_columns(
+    path: Path | str, asked: Sequence[Asked] = (), rate_hz: float | None = None
+) -> str:
     """The text of a first `columns.toml` for a log or a folder of logs.
 
-    Columns that are what is `asked` for get its name and role. Files of a folder that have the same
+    Columns that are what is `asked` for get its name and role. The `rate_hz` of the system that
+    asks tells a clock in seconds from one in milliseconds. Files of a folder that have the same
     columns are recordings of one kind: each column is listed once. Raises UnusableInput for a file
     that cannot be read, or that holds no numbers.
     """
     path = Path(path)
     if is_log(path):
         form = seen_form(path)
-        return _text(path, [("", open_log(path, form))], form, asked)
+        return _text(path, [("", open_log(path, form))], form, asked, rate_hz)
     files = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     form = _form_of(files)
     logs = []
@@ -146,11 +150,11 @@ def guess_columns(path: Path | str, asked: Sequence[Asked] = ()) -> str:
         raise UnusableInput(f"{path}: contains no log in a known format; give one log file.")
     kinds = _by_layout(logs)
     if len(kinds) == 1 and len(logs) > 1:
-        return _text(path, [("", logs[0][1])], form, asked, _of_one_kind(path, logs))
+        return _text(path, [("", logs[0][1])], form, asked, rate_hz, _of_one_kind(path, logs))
     said = [line for kind in kinds if len(kind) > 1 for line in _on_likes(kind)]
     if len(kinds) == len(logs) > 1:
         said = list(_PARTS)
-    return _text(path, [kind[0] for kind in kinds], form, asked, said)
+    return _text(path, [kind[0] for kind in kinds], form, asked, rate_hz, said)
 
 
 def _by_layout(logs: Sequence[_Named]) -> list[list[_Named]]:
@@ -196,9 +200,10 @@ def _text(
     logs: Sequence[_Named],
     form: Delimited,
     asked: Sequence[Asked],
+    rate_hz: float | None,
     said: Sequence[str] = (),
 ) -> str:
-    files = [_seen(name, log, asked) for name, log in logs]
+    files = [_seen(name, log, asked, rate_hz) for name, log in logs]
     first = next((file for file in files if file.fields), files[0])
     timing, resampling = first.timing, tuple[str, ...]()
     if first.has_own_clock:
@@ -380,13 +385,14 @@ def _differs(timing: Timing, other: Timing) -> bool:
     return not np.array_equal(timing.stamps_s, other.stamps_s)
 
 
-def _seen(name: str, log: Log, asked: Sequence[Asked]) -> _File:
+def _seen(name: str, log: Log, asked: Sequence[Asked], rate_hz: float | None) -> _File:
     """A log with its clock, and the numbers of the columns that are listed."""
     fields = _numeric(log)
     if len(fields) > MOST_COLUMNS:  # what is asked for is among those that are listed
         fields.sort(key=lambda field: not any(may_be(each, field.name) for each in asked))
     has_own_clock = any(log.clock_of(field.name) for field in fields)
     timing = Timing(()) if has_own_clock else timing_of(log, log.fields())
+    timing = timing if rate_hz is None else at_rate(timing, rate_hz)
     of_clock = (timing.column, timing.nanoseconds)
     listed = [field for field in fields[:MOST_COLUMNS] if field.name not in of_clock]
     values = _all_values(log, listed)

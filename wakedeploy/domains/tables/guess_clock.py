@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.even_time import unevenness
 from wakedeploy.domains.tables.guess_rate import usual_hz
-from wakedeploy.domains.tables.guess_time_unit import LARGEST, time_unit, unit_in
+from wakedeploy.domains.tables.guess_time_unit import LARGEST, UNITS, is_dated, time_unit, unit_in
 from wakedeploy.domains.tables.log import Field, Log, Values
 from wakedeploy.domains.tables.stamps import (
     as_floats,
@@ -51,6 +51,7 @@ _TIMES = (
     "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S,%f", "%H:%M:%S:%f", "%I:%M:%S.%f %p", "%I:%M:%S %p",
 )  # fmt: skip
 _MOST_STAMPS, _FEWEST_DIGITS = 200, 3
+_AT_RATE = (0.9, 30.0)  # times a system's rate that its logs have
 _DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y")
 _FORMS = ("iso", *(f"{day} {time}" for day in _DAYS for time in _TIMES), *_TIMES)
 _RATE_NAMES, _STEP_NAMES = ("fs", "rate", "rate_hz", "sample_rate", "f_s"), ("ts", "dt", "t_s")
@@ -64,7 +65,8 @@ _COMMANDED = re.compile(  # by its name: what drives a system, and is held betwe
 class Timing:
     """What was seen of a clock: lines for the file, its column and unit, and its stamps.
 
-    `nanoseconds` is the column of those beyond the whole seconds of its column.
+    `nanoseconds` is the column of those beyond the whole seconds of its column. `is_unit_open` says
+    that its unit is a guess by its rate and its length alone.
     """
 
     lines: tuple[str, ...]
@@ -72,6 +74,7 @@ class Timing:
     unit: str | None = None
     stamps_s: Vector | None = None
     nanoseconds: str | None = None
+    is_unit_open: bool = False
 
 
 def own_timing(log: Log, fields: Sequence[Field]) -> tuple[Timing, tuple[str, ...]]:
@@ -133,6 +136,29 @@ def even_clock(log: Log, field: Field) -> Timing | None:
     if not _is_even(_steps(log, field)) or (found := _clock(log, field)) is None:
         return None
     return _doubted(found, "it rises evenly")
+
+
+def at_rate(clock: Timing, rate_hz: float) -> Timing:
+    """A clock whose unit is open, in the only unit in which a system of this rate can use it.
+
+    A minute of a controller and a day of a furnace have the same stamps, but for the unit.
+    """
+    if not clock.is_unit_open or clock.unit is None or clock.stamps_s is None:
+        return clock
+    found_hz, found_s = usual_hz(clock.stamps_s) or 0.0, float(seconds_in(clock.unit))
+    low, high = (rate_hz * share for share in _AT_RATE)
+    fit = [unit for unit in UNITS if low <= found_hz * found_s / float(seconds_in(unit)) <= high]
+    if len(fit) != 1 or fit[0] == clock.unit:
+        return clock
+    (unit,) = fit
+    stamps_s = clock.stamps_s * (float(seconds_in(unit)) / found_s)
+    said = {
+        "unit = ": f"unit = {toml(unit)}  # ? by the system's rate",
+        "# about": _about(stamps_s),
+    }
+    lines = (next((new or old for begin, new in said.items() if old.startswith(begin)), old)
+             for old in clock.lines)  # fmt: skip
+    return replace(clock, lines=tuple(lines), unit=unit, stamps_s=stamps_s)
 
 
 def _doubted(clock: Timing, reason: str) -> Timing:
@@ -249,7 +275,8 @@ def _clock(log: Log, field: Field) -> Timing | None:
     lines.append(about)
     if form == "datetime64":
         lines.append("# dates and times, which say what they count in: no unit is needed")
-    return Timing(tuple(lines), field.name, None if form else unit, stamps_s)
+    is_open = is_guess and not is_dated(as_floats(numbers), unit)
+    return Timing(tuple(lines), field.name, None if form else unit, stamps_s, is_unit_open=is_open)
 
 
 def _of_two(log: Log, field: Field) -> Timing | None:

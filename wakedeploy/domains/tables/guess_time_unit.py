@@ -15,7 +15,7 @@ from wakedeploy.domains.tables.stamps import as_floats, seconds_in
 Vector = NDArray[np.float64]
 
 LARGEST = 1e30  # of a stamp; no damaged file overflows
-_UNITS = ("s", "ms", "us", "ns")
+UNITS = ("s", "ms", "us", "ns")
 _DATES_S = (946_684_800.0, 4_102_444_800.0)  # the years 2000 to 2100
 _POSSIBLE_HZ = (0.05, 50_000.0)
 _USUAL_HZ = (1.0, 5_000.0)
@@ -55,10 +55,19 @@ def unit_in(name: str) -> str | None:
 
 def _likely(numbers: Vector, step: float) -> str | None:
     """The unit whose stamps are dates, or else whose rate and length are a log's; None for none."""
-    possible = [unit for unit in _UNITS if _outside(_hz(step, unit), _POSSIBLE_HZ) == 0.0]
+    possible = [unit for unit in UNITS if _outside(_hz(step, unit), _POSSIBLE_HZ) == 0.0]
     middle, length = float(np.median(numbers)), float(np.ptp(numbers))
-    dates = [unit for unit in possible if _outside(middle * _seconds(unit), _DATES_S) == 0.0]
+    dates = [unit for unit in possible if _is_date(middle, unit)]
     return min(dates or possible, key=lambda unit: _oddity(unit, step, length), default=None)
+
+
+def is_dated(numbers: Vector, unit: str) -> bool:
+    """Whether stamps in a unit are dates of this century."""
+    return _is_date(float(np.median(numbers)), unit)
+
+
+def _is_date(stamp: float, unit: str) -> bool:
+    return _outside(stamp * _seconds(unit), _DATES_S) == 0.0
 
 
 def _oddity(unit: str, step: float, length: float) -> float:
