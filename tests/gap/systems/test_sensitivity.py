@@ -253,6 +253,21 @@ def test_degrees_that_are_taken_for_radians_are_turns() -> None:
     assert "turns" not in "\n".join(column_notes(LogModel(_valve(**angle), [in_degrees])))
 
 
+def test_an_input_that_is_held_over_a_silence_is_said() -> None:
+    """What drove the system meanwhile is a guess, and a search would blame an effect for it."""
+    flow = np.sin(np.arange(400) / 9.0)
+    command = np.where((np.arange(400) > 99) & (np.arange(400) < 115), np.nan, flow)
+    told = column_notes(
+        LogModel(
+            _valve(),
+            [Recording("a", np.arange(400) / 100.0, {"command_pct": command, "flow": flow})],
+        )
+    )
+    (note,) = [note for note in told if "without a number" in note]
+    assert note.startswith("input command_pct: 15 samples without a number, up to 0.15 s at once")
+    assert "without a number" not in _notes(0.0)
+
+
 def test_one_reading_at_an_end_is_no_limit() -> None:
     short = np.sin(np.arange(50) / 7.0)
     columns = {"command_pct": short, "flow": short}

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
 from wakedeploy.core.units import contradicted, same_dimension
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, prior_precision
 from wakedeploy.gap.evidence.inference import fit
@@ -24,7 +25,7 @@ from wakedeploy.gap.search.first_look import changes
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.duration import long_search
-from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log
+from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log, held
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.statements import MOST_STEPS
@@ -117,6 +118,7 @@ def column_notes(model: LogModel) -> list[str]:
             continue
         values = np.concatenate([log.inputs[i] for log in logs])
         notes += _notes(f"input {stated.name}", values)
+        notes += _silences(stated, model.recordings)
         if any(p.role == "input" and p.name == stated.name for p in model.system.ports):
             notes += _off_zero(stated, values)
         limits = (values.min(), values.max())
@@ -142,6 +144,16 @@ def column_notes(model: LogModel) -> list[str]:
         *bent_inputs(model),
         *own_notes(model),
     ]
+
+
+def _silences(stated: Input, recordings: Sequence[Recording]) -> list[str]:
+    """That an input lacks numbers: nobody knows what drove the system meanwhile."""
+    count, longest_s = held(recordings, stated.name)
+    said = (
+        f"input {stated.name}: {counted(count, 'sample')} without a number, up to {longest_s:.3g} s"
+        " at once; the last one is held there. Cut the log where it was another."
+    )
+    return [said] if count else []
 
 
 def own_notes(model: LogModel) -> list[str]:

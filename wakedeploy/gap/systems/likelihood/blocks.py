@@ -210,6 +210,17 @@ def _input(recording: Recording, stated: Input) -> FloatArray:
     return np.asarray(column[last])
 
 
+def held(recordings: Sequence[Recording], name: str) -> tuple[int, float]:
+    """How many samples of an input have the number before them, and for how long in a row [s]."""
+    count, longest_s = 0, 0.0
+    for recording in recordings:
+        there = np.flatnonzero(np.isfinite(recording.columns[name]))
+        silences = np.diff(there, append=len(recording.time_s)) - 1
+        count += int(silences.sum())
+        longest_s = max(longest_s, float(silences.max()) / recording.rate_hz)
+    return count, longest_s
+
+
 def _check_numbers(
     system: StateSpace, recording: Recording, logged: Mapping[str, FloatArray]
 ) -> None:
