@@ -253,6 +253,20 @@ def test_degrees_that_are_taken_for_radians_are_turns() -> None:
     assert "turns" not in "\n".join(column_notes(LogModel(_valve(**angle), [in_degrees])))
 
 
+def test_a_constant_that_nothing_reads_is_not_fitted() -> None:
+    """With a spread without end a flat likelihood took it to its bound, to three digits."""
+    spare = [Constant("wall_m", 3.0, spread=float("inf")), Constant("dial_s", 2.0, spread=0.1)]
+    system = checked(_valve(constants=[*Valve.constants, *spare]))
+    model = LogModel(system, [_swung(0.0)])
+    told = column_notes(model)
+    assert "read by no function and no port, and not fitted: wall_m." in told
+    fitted = {free.name for free in model._nuisances}
+    assert {"constant.wall_m", "constant.dial_s"} & fitted == {"constant.dial_s"}
+    ported = [*Valve.ports, Port.constant("wall_m")]
+    other = LogModel(checked(_valve(constants=system.constants, ports=ported)), [_swung(0.0)])
+    assert not other.unread
+
+
 def test_an_input_that_is_held_over_a_silence_is_said() -> None:
     """What drove the system meanwhile is a guess, and a search would blame an effect for it."""
     flow = np.sin(np.arange(400) / 9.0)

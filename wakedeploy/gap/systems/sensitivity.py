@@ -372,6 +372,8 @@ def _constants(model: LogModel) -> list[str]:
     constants = model.system.constants
     exact = [c.name for c in constants if c.spread == 0.0]
     notes = [f"taken as exact, for want of a spread: {', '.join(exact)}."] if exact else []
+    if idle := [c.name for c in constants if c.name in model.unread]:
+        notes.append(f"read by no function and no port, and not fitted: {', '.join(idle)}.")
     notes += _unitless(model)
     notes += [
         f"constant {c.name} may be on either side of 0, from {minus(f'{c.low:.3g}')} to "

@@ -36,6 +36,7 @@ from wakedeploy.gap.systems.likelihood.leftover import leftovers
 from wakedeploy.gap.systems.likelihood.strays import without_strays
 from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.system import Point, StateSpace
+from wakedeploy.gap.systems.trial_points import unread
 
 _TOGETHER = 15000  # samples times effects that are looked at in one run
 # Pieces times parameter sets up to which a step of the filter costs at most twice that of one.
@@ -503,10 +504,16 @@ class LogModel(ComparisonDefaults):
             for name in self._stamped_together()
         ]
 
+    @functools.cached_property
+    def unread(self) -> set[str]:
+        """Constants that nothing reads and no spread holds: a fit would move them to anywhere."""
+        loose = {c.name for c in self.system.constants if np.isinf(c.spread)}
+        return loose & unread(self.system) if loose else loose
+
     def _constants(self) -> list[Free]:
         parameters = []
         for c in self.system.constants:
-            if c.spread > 0.0:
+            if c.spread > 0.0 and c.name not in self.unread:
                 step = 1e-3 * (abs(c.value) or 1.0)
                 if np.isfinite(c.spread):
                     step = 0.02 * c.spread
