@@ -5,6 +5,19 @@ from typing import Any, get_args
 import pydantic
 
 _LONGEST = 100  # letters of a place or a value that a document may put into a sentence
+_PLAIN = {
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+    "a valid string": "text",
+    "a valid boolean": "true or false",
+    "a valid list": "a list",
+    "a valid tuple": "a list",
+    "a valid dictionary": "a table",
+    "greater than or equal to": "at least",
+    "less than or equal to": "at most",
+    "greater than": "above",
+    "less than": "below",
+}
 
 
 def first_problem(
@@ -27,8 +40,18 @@ def first_problem(
         )
     given = problem["input"]
     shown = f" = {_shown(repr(given))}" if isinstance(given, int | float | str) and place else ""
-    message = _shown(problem["msg"].removeprefix("Value error, "))
-    return f"{place}{shown}: {message}".lstrip(": ")
+    return f"{place}{shown}: {_shown(_in_plain_words(problem['msg']))}".lstrip(": ")
+
+
+def _in_plain_words(message: str) -> str:
+    """What pydantic says of a value, without its words for kinds."""
+    own = message.removeprefix("Value error, ")
+    wanted = own.removeprefix("Input should be ")
+    if wanted == own:
+        return own
+    for words, plain in _PLAIN.items():
+        wanted = wanted.replace(words, plain)
+    return f"it has to be {wanted}"
 
 
 def _known_beside(document: type[pydantic.BaseModel], loc: tuple[int | str, ...]) -> list[str]:
