@@ -38,6 +38,11 @@ def test_a_log_that_is_not_there_is_a_wrong_path(tmp_path) -> None:
             read(tmp_path / "lgo.csv", columns)
 
 
+def test_a_pattern_for_a_path_is_told_as_one(tmp_path) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"run\*\.csv: is not there.* give sorted\(Path\(\)"):
+        wd.read_log(tmp_path / "run*.csv", columns=tmp_path / "columns.toml")
+
+
 def test_a_unit_for_a_column_that_is_not_there_is_never_ignored(tmp_path) -> None:
     log, columns = tmp_path / "log.csv", tmp_path / "columns.toml"
     log.write_text("t,a\n" + "\n".join(f"{k / 100},{k}" for k in range(99)) + "\n")

@@ -114,7 +114,9 @@ def _paths(files: Paths) -> list[Path]:
     paths = [path_from(path, "log") for path in files]
     for path in paths:
         if not path.exists():
-            raise UnusableInput(f"{path}: is not there; correct the path of this log.")
+            is_pattern = not {"*", "?"}.isdisjoint(str(path))
+            pattern = " A pattern is no path: give sorted(Path().glob(…))." if is_pattern else ""
+            raise UnusableInput(f"{path}: is not there; correct the path of this log.{pattern}")
     return paths
 
 
