@@ -8,6 +8,7 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Origin, Recording
+from wakedeploy.gap.search.artefacts import Quantity
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.likelihood.augmented import Acting
@@ -265,6 +266,23 @@ def test_a_constant_that_nothing_reads_is_not_fitted() -> None:
     ported = [*Valve.ports, Port.constant("wall_m")]
     other = LogModel(checked(_valve(constants=system.constants, ports=ported)), [_swung(0.0)])
     assert not other.unread
+
+
+def test_a_constant_that_no_output_shows_is_not_fitted() -> None:
+    """The equations read it; rounding took it to its bound, and the correction had that."""
+    loose = {"spread": float("inf")}
+    spare = [Constant("wall_m", 3.0, **loose), Constant("flow_s", 0.3, **loose)]
+
+    def derivative(self, state, inputs, c):
+        moved = Valve.derivative(self, state, inputs, c)
+        return {**moved, "flow": moved["flow"] + 0.0 * c.wall_m}
+
+    constants = [Valve.constants[0], *spare, Valve.constants[2]]
+    model = LogModel(checked(_valve(constants=constants, derivative=derivative)), [_swung(0.0)])
+    assert "shown by no output of these logs, and not fitted: wall_m." in column_notes(model)
+    fitted = {free.name for free in model._nuisances}
+    assert {"constant.wall_m", "constant.flow_s"} & fitted == {"constant.flow_s"}
+    assert model.unknown_constants() == {"wall_m": Quantity(value=3.0, unit="m")}
 
 
 def test_an_input_that_is_held_over_a_silence_is_said() -> None:

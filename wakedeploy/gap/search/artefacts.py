@@ -371,6 +371,7 @@ class Answer(Artefact):
         parameters: Size, interval and unit of every parameter of what was named.
         constants: The same of the system's constants, as fitted with it.
         stated: These constants as the system states them.
+        unknown: Constants of unlimited spread that these logs say nothing of, as they are stated.
         moved: Constants that the fit moved by more than three of their spreads, and by how many.
         late: Inputs that come later than the outputs that they drive, and by how many seconds: two
             clocks, or a delay that the system has too much.
@@ -404,6 +405,7 @@ class Answer(Artefact):
     parameters: Sizes
     constants: Sizes
     stated: dict[str, Number] = {}  # the constants, as the system states them
+    unknown: dict[str, Quantity] = {}
     moved: dict[str, Number] = {}
     late: dict[str, Number] = {}
     late_by_a_row: list[str] = []

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Model
-from wakedeploy.gap.search.artefacts import Leftover, Measured
+from wakedeploy.gap.search.artefacts import Leftover, Measured, Quantity
 from wakedeploy.gap.search.places import Axes, Residuals
 
 T = TypeVar("T")
@@ -146,6 +146,10 @@ class Comparison(Model, Protocol):
         """Constant effects that a dry friction of a hypothesis may hold."""
         ...
 
+    def unknown_constants(self) -> dict[str, Quantity]:
+        """Constants that are not fitted, as the recordings say nothing of them; what is stated."""
+        ...
+
     def inputs_answered(self, fitted: Fit, name: str) -> float:
         """What inputs do with an effect, as fitted, as a share of what they do without."""
         ...
@@ -232,6 +236,10 @@ class ComparisonDefaults:
     def held_by_friction(self, hypothesis: Hypothesis) -> Sequence[str]:
         """No effect holds another."""
         return ()
+
+    def unknown_constants(self) -> dict[str, Quantity]:
+        """Each is known."""
+        return {}
 
     def inputs_answered(self, fitted: Fit, name: str) -> float:
         """No effect says that it changes that."""

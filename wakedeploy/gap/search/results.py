@@ -74,6 +74,7 @@ def answer_of(outcome: Named, key: str = "", again: Repeated[Half] | None = None
         parameters=sizes,
         constants=constants_of(outcome.found),
         stated=_stated(outcome.found),
+        unknown=model.unknown_constants(),
         moved=_moved(outcome.found),
         late=model.late_inputs(outcome.base, outcome.found),
         late_by_a_row=model.late_by_a_row(outcome.found),

@@ -374,6 +374,8 @@ def _constants(model: LogModel) -> list[str]:
     notes = [f"taken as exact, for want of a spread: {', '.join(exact)}."] if exact else []
     if idle := [c.name for c in constants if c.name in model.unread]:
         notes.append(f"read by no function and no port, and not fitted: {', '.join(idle)}.")
+    if hidden := [c.name for c in constants if c.name in model.unshown]:
+        notes.append(f"shown by no output of these logs, and not fitted: {', '.join(hidden)}.")
     notes += _unitless(model)
     notes += [
         f"constant {c.name} may be on either side of 0, from {minus(f'{c.low:.3g}')} to "

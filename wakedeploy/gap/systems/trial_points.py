@@ -82,8 +82,6 @@ def unread(system: "StateSpace") -> set[str]:
 
     None where functions take the constants otherwise than by their names.
     """
-    named = {n for p in system.ports for n in (p.inertia, p.friction)}
-    named |= {p.name for p in system.ports if p.role == "constant"}
     state, inputs = split(system, bearable(system, random_points(system, (2,))))
     noted = cast("Point", _Noted(system.values()))
     try:
@@ -94,7 +92,13 @@ def unread(system: "StateSpace") -> set[str]:
     except Exception:  # whatever a user's function raises is said where it is checked
         return set()
     read: set[str] = vars(noted)["read"]
-    return {c.name for c in system.constants} - named - read
+    return {c.name for c in system.constants} - named_by_ports(system) - read
+
+
+def named_by_ports(system: "StateSpace") -> set[str]:
+    """Constants that effects at the ports are about, also where no equation reads them."""
+    named = {n for p in system.ports for n in (p.inertia, p.friction)}
+    return named | {p.name for p in system.ports if p.role == "constant"}
 
 
 class _Noted:

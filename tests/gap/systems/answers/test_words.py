@@ -418,3 +418,13 @@ def test_halves_that_do_not_agree_ask_for_more_logs() -> None:
 
 def test_where_no_half_was_asked_nothing_is_said_of_halves() -> None:
     assert not any("half" in line or "halves" in line for line in told({"a": (1.0, 0.5)}))
+
+
+def test_a_constant_that_the_logs_say_nothing_of_is_told_so() -> None:
+    unknown = {"wall_mm": {"value": 3.0, "unit": "mm"}}
+    for verdict in ({}, {"verdict": "none", "effects": []}):
+        said = "\n".join(told({"cart": (0.47, 0.015)}, unknown=unknown, **verdict))
+        assert (
+            "not known from these logs, as no output shows them, and stay as stated: wall_mm."
+            in said
+        )

@@ -9,6 +9,7 @@ from wakedeploy.gap.systems.kinds.library import kinds_of
 from wakedeploy.gap.wording import listed, measured, minus, scale_of
 
 _MOST_TOLD = 12
+_UNKNOWN = "not known from these logs"
 _NEXT_TO_NOTHING = 0.01  # of its stated value: a constant that keeps its sign stops before 0
 
 
@@ -31,23 +32,49 @@ def moved_words(answer: Answer) -> list[str]:
 
 
 def constant_rows(answer: Answer) -> list[tuple[str, str, str]]:
-    """Name, stated value, fitted value with its interval, of each constant that was fitted."""
+    """Name, stated value, fitted value with its interval, of each constant that was fitted.
+
+    Those that the logs say nothing of come last.
+    """
     return [
-        (
-            name,
-            _plainly(answer.stated[name], [answer.stated[name]], size.unit),
-            measured(size.value, size.low, size.high, size.unit),
-        )
-        for name, size in answer.constants.items()
+        *(
+            (
+                name,
+                _plainly(answer.stated[name], [answer.stated[name]], size.unit),
+                measured(size.value, size.low, size.high, size.unit),
+            )
+            for name, size in answer.constants.items()
+        ),
+        *(
+            (name, _plainly(each.value, [each.value], each.unit), _UNKNOWN)
+            for name, each in answer.unknown.items()
+        ),
     ]
 
 
 def constant_words(answer: Answer) -> list[str]:
     """The constants in lines; of many the first, those that moved before the others.
 
-    If nothing was named, only those that the logs want other than as stated.
+    If nothing was named, only those that the logs want other than as stated. Those that they say
+    nothing of are said in any case: nobody else knows them.
     """
-    rows = sorted(constant_rows(answer), key=lambda row: row[0] not in answer.moved)
+    return [*_fitted_words(answer), *_unknown_words(answer)]
+
+
+def _unknown_words(answer: Answer) -> list[str]:
+    return (
+        [
+            f"Constants that are {_UNKNOWN}, as no output shows them, and stay as stated: "
+            f"{listed([*answer.unknown])}."
+        ]
+        if answer.unknown
+        else []
+    )
+
+
+def _fitted_words(answer: Answer) -> list[str]:
+    rows = [row for row in constant_rows(answer) if row[0] in answer.constants]
+    rows = sorted(rows, key=lambda row: row[0] not in answer.moved)
     is_quiet = answer.verdict == "none" and not answer.moved
     if is_quiet:
         otherwise = told_otherwise(answer)

@@ -18,7 +18,7 @@ from wakedeploy.core.names import near, one_of
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Score
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.artefacts import Leftover, Measured
+from wakedeploy.gap.search.artefacts import Leftover, Measured, Quantity
 from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
 from wakedeploy.gap.systems.kinds.library import Effect, held_by, offered, ports_alike, rate_unit
 from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
@@ -35,6 +35,7 @@ from wakedeploy.gap.systems.likelihood.initial_states import InitialStates, init
 from wakedeploy.gap.systems.likelihood.leftover import leftovers
 from wakedeploy.gap.systems.likelihood.strays import without_strays
 from wakedeploy.gap.systems.likelihood.unseen_states import followed
+from wakedeploy.gap.systems.likelihood.unshown_constants import unshown
 from wakedeploy.gap.systems.system import Point, StateSpace
 from wakedeploy.gap.systems.trial_points import unread
 
@@ -462,7 +463,9 @@ class LogModel(ComparisonDefaults):
 
     @functools.cached_property
     def _nuisances(self) -> tuple[Free, ...]:
-        return (*self._noise(), *self._clocks(), *self._constants(), *self._form())
+        hidden = {f"constant.{name}" for name in self.unshown}
+        constants = [free for free in self._constants() if free.name not in hidden]
+        return (*self._noise(), *self._clocks(), *constants, *self._form())
 
     def _noise(self) -> list[Free]:
         """Logarithms of the noise of sensors and of driven states' rates."""
@@ -509,6 +512,20 @@ class LogModel(ComparisonDefaults):
         """Constants that nothing reads and no spread holds: a fit would move them to anywhere."""
         loose = {c.name for c in self.system.constants if np.isinf(c.spread)}
         return loose & unread(self.system) if loose else loose
+
+    @functools.cached_property
+    def unshown(self) -> set[str]:
+        """Constants of unlimited spread that are read, and that no output of the logs shows."""
+        return unshown(self, (*self._noise(), *self._clocks(), *self._constants(), *self._form()))
+
+    def unknown_constants(self) -> dict[str, Quantity]:
+        """What is stated of the constants that these logs say nothing of, in the system's order."""
+        left = self.unread | self.unshown
+        return {
+            c.name: Quantity(value=c.value, unit=self.system.unit_of_constant(c.name))
+            for c in self.system.constants
+            if c.name in left
+        }
 
     def _constants(self) -> list[Free]:
         parameters = []
