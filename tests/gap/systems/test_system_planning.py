@@ -27,7 +27,7 @@ from wakedeploy.gap.systems.planning.plan import (
     require_names,
 )
 from wakedeploy.gap.systems.planning.planned import planned
-from wakedeploy.gap.systems.planning.power import power
+from wakedeploy.gap.systems.planning.power import _missing, chance, power
 from wakedeploy.gap.wording import span
 
 RATE = 50.0
@@ -330,3 +330,14 @@ def test_inputs_go_up_and_down_from_what_holds_a_weight() -> None:
     assert "be ready to stop it, or add this to what a controller commands" in told
     low, high = (float(f(made.best.columns["thrust_n"])) for f in (np.min, np.max))
     assert f"{made.best.excitation.name} on thrust_n {span(low, high, 'N')} for" in told
+
+
+def test_the_best_of_many_sizes_that_do_something_else_is_no_evidence() -> None:
+    """Steps of a quantised input lie elsewhere at each size; of 288 one fits noise by chance."""
+    random = np.random.default_rng(2)
+    curves = {"quantisation@valve": 10.0 * random.standard_normal((24, 12, 200))}
+    noise = random.standard_normal(200)
+    assert _missing(curves, noise, chance(curves)) is None
+    there = _missing(curves, noise + curves["quantisation@valve"][3, 5], chance(curves))
+    assert there is not None
+    assert there[0] == "quantisation@valve"

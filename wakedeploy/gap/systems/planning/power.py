@@ -86,10 +86,23 @@ def power(
         steps(done, len(chosen))
     threshold = chance(curves)
     effects = tuple(_of(responses, curves, n, threshold) for n in chosen)
-    gains = {n: _gained(rows, responses.rest) for n, rows in curves.items()}
+    return Power(threshold, effects, _missing(curves, responses.rest, threshold))
+
+
+def _missing(
+    curves: Mapping[str, FloatArray], rest: FloatArray, threshold: float
+) -> tuple[str, float] | None:
+    """What gains most in what the base leaves (m,), and how much, if chance hardly ever does.
+
+    Each size that was tried is a chance of its own where an effect does something else at each, as
+    steps of a quantised input do: the best of many gains more from noise than one.
+    """
+    gains = {n: _gained(rows, rest) for n, rows in curves.items()}
     best = max(gains, key=lambda n: gains[n], default="")
-    is_missing = bool(best) and gains[best] > surely_nats(threshold)
-    return Power(threshold, effects, (best, gains[best]) if is_missing else None)
+    if not best or gains[best] <= surely_nats(threshold):
+        return None
+    each = {n: rows.reshape(-1, 1, rows.shape[-1]) for n, rows in curves.items()}
+    return (best, gains[best]) if gains[best] > surely_nats(chance(each)) else None
 
 
 def _followed(rows: FloatArray) -> FloatArray:
