@@ -546,3 +546,13 @@ def test_a_step_says_which_command_follows_where_one_does(
 ) -> None:
     told = None if verdict is None else answer_with(verdict, {}, {})
     assert _following(step, SimpleNamespace(artefact=told), command) == following
+
+
+def test_a_plan_names_the_system_of_another_answer(folder, tmp_path):
+    """That nothing is open there is no news about this one."""
+    sizes = {"viscous-friction@speed_mps": {}}
+    answer_with("named", sizes, {}).write(tmp_path / "name.json")
+    asked = ["--system", str(folder / "my_robot.py"), "--measured", str(folder / "log.csv")]
+    told = CliRunner().invoke(command, ["plan", *asked, "--out", str(tmp_path)])
+    assert isinstance(told.exception, UnusableInput)
+    assert "holds what was found about made, and this is MyRobot" in str(told.exception)

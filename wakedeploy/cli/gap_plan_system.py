@@ -30,10 +30,14 @@ def run_plan(
     json_path: Path | None,
 ) -> None:
     """Which input to record next, on the terminal and as files."""
+    from wakedeploy.gap.systems.files import read_system
     from wakedeploy.gap.systems.planning.known import stated_answer, stated_sizes
     from wakedeploy.gap.systems.planning.plan import plan
+    from wakedeploy.gap.workflow import require_own
 
     answer = stated_answer(out)
+    if out is not None and answer is not None:
+        require_own(out, read_system(system_path).name)
     chosen = names or tuple(answer.rivals if answer else ())
     if not chosen and answer is not None and answer.effects:
         found = ", ".join(effect.name for effect in answer.effects)

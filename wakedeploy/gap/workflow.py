@@ -78,6 +78,16 @@ def concluded(model: Comparison, progress: Progress = quiet) -> Result:
 _ANEW = "delete it to run the step anew"
 
 
+def require_own(out: Path, name: str) -> None:
+    """UnusableInput where a folder holds steps of another system than the one of this name."""
+    for path in (out / each for each in ("find.json", "name.json", "domain.json")):
+        of = object_of(path, _ANEW).get("domain") if path.exists() else None
+        if isinstance(of, str) and of != name:
+            raise UnusableInput(
+                f"{out}: holds what was found about {of}, and this is {name}; give another --out."
+            )
+
+
 class Folder:
     """What the steps of a `Comparison` leave in a folder.
 
@@ -113,13 +123,7 @@ class Folder:
 
     def require_own(self) -> None:
         """UnusableInput where the folder holds steps of another system."""
-        for path in (self.out / name for name in ("find.json", "name.json", "domain.json")):
-            of = object_of(path, _ANEW).get("domain") if path.exists() else None
-            if isinstance(of, str) and of != self.model.name:
-                raise UnusableInput(
-                    f"{self.out}: holds what was found about {of}, and this is {self.model.name}; "
-                    "give another --out."
-                )
+        require_own(self.out, self.model.name)
 
     def _remove_stale(self) -> None:
         """Remove what later steps left of an earlier form of the system, or of other logs of it."""
