@@ -119,3 +119,11 @@ def test_a_replay_of_what_is_no_recording_is_refused(given) -> None:
         wd.UnusableInput, match=r"Slider\.simulate takes one Recording, not .*read_"
     ):
         Slider().simulate(given)
+
+
+@pytest.mark.parametrize("given", [[np.arange(6.0)], np.arange(6.0), None, {3: np.arange(6.0)}])
+def test_columns_without_names_are_refused_in_words(given):
+    with pytest.raises(wd.UnusableInput, match=r"^dive: columns (is a|has the name 3, which is)"):
+        wd.Recording("dive", np.arange(6.0), given)
+    with pytest.raises(wd.UnusableInput, match=r"^dive: clocks is a list; give a dict"):
+        wd.Recording("dive", np.arange(6.0), {"z": np.arange(6.0)}, clocks=["z"])

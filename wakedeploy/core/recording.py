@@ -40,6 +40,8 @@ class Recording:
     clocks: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for what in ("columns", "origins", "clocks"):
+            self._require_named(what, getattr(self, what))
         time_s = self._numbers("time_s", self.time_s)
         columns = {name: self._numbers(f"column {name!r}", v) for name, v in self.columns.items()}
         object.__setattr__(self, "time_s", time_s)
@@ -53,6 +55,22 @@ class Recording:
                     f"has {time_s.shape}."
                 )
         self._require_even()
+
+    def _require_named(self, what: str, given: object) -> None:
+        """UnusableInput for what has no names, as a list; a table of pandas has them, too."""
+        items = getattr(given, "items", None)
+        if not callable(items):
+            example = ", as {'speed_mps': array}" if what == "columns" else ""
+            raise UnusableInput(
+                f"{self.name}: {what} is a {type(given).__name__}; give a dict by the names of the "
+                f"columns{example}."
+            )
+        unnamed = next((name for name, _ in items() if not isinstance(name, str)), None)
+        if unnamed is not None:
+            raise UnusableInput(
+                f"{self.name}: {what} has the name {unnamed!r:.60}, which is no text; give each "
+                "column the name that your system has for it."
+            )
 
     def _numbers(self, what: str, values: ArrayLike) -> NDArray[np.float64]:
         try:
