@@ -36,6 +36,7 @@ from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.own_system import System
+from wakedeploy.gap.systems.runaway import runaways
 from wakedeploy.gap.systems.sensitivity import cut_outputs, hung_outputs, own_notes
 from wakedeploy.gap.systems.wrapped_angles import going_on, jumps
 from wakedeploy.gap.workflow import run
@@ -192,6 +193,7 @@ def take(
         if not folder.is_found:
             progress("looking at the columns")
             for note in (
+                *runaways(model),
                 *long_search(model),
                 *misread(model),
                 *cut_outputs(model),

@@ -1,6 +1,7 @@
 """What `gap check` says of a system and its logs, before any fit."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Origin, Recording
 from wakedeploy.gap.search.artefacts import Quantity
+from wakedeploy.gap.search.comparison import mean_squares
+from wakedeploy.gap.search.weighing import weight_of
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.likelihood.augmented import Acting
@@ -400,3 +403,26 @@ def test_a_constant_that_nobody_gave_a_unit_is_said_to_count_as_1() -> None:
     assert "without a unit, and counts as 1: half_track." in _notes(
         0.0, constants=[*Valve.constants, half]
     )
+
+
+def test_a_state_that_runs_away_is_named() -> None:
+    """Nothing is left of a forecast then, and numpy's warnings stood in the answer."""
+
+    class Stepped(System):
+        rate_hz, inputs, outputs = Valve.rate_hz, Valve.inputs, Valve.outputs
+        states, constants, ports = Valve.states, Valve.constants, Valve.ports
+
+        def step(self, state, inputs, c):
+            return {"opening": inputs.command_pct, "flow": state.flow * 40.0}
+
+    model = LogModel(Stepped(), [_swung(0.4)])
+    told = "\n".join(column_notes(model))
+    assert "state flow runs away" in told
+    assert "within 2 samples" in told
+    assert "runs away" not in _notes(0.4)
+    assert "runs away" not in _notes(0.4, derivative=Integrating.derivative)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        nothing = np.full((2, 5), np.nan)
+        assert np.isnan(mean_squares(nothing)).all()
+        assert not weight_of(np.zeros((4, 1)), np.ones((4, 1))).share > 0.0

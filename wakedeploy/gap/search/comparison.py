@@ -297,4 +297,10 @@ def residual_series(
 def errors(model: Comparison, fitted: Fit, episodes: Sequence[int]) -> list[float]:
     """Root mean square of measured less predicted, by channel."""
     parts = np.concatenate(model.disagreements(fitted, episodes), axis=1)
-    return [float(np.sqrt(np.nanmean(row**2))) for row in parts]
+    return [float(each) for each in np.sqrt(mean_squares(parts))]
+
+
+def mean_squares(rows: FloatArray) -> FloatArray:
+    """The mean square (c,) of each row (c, m), as far as it is known; NaN where nothing is."""
+    with np.errstate(all="ignore"):  # a state that runs away leaves nothing, or too much
+        return np.asarray(np.nansum(rows**2, axis=1) / np.sum(~np.isnan(rows), axis=1))

@@ -182,7 +182,12 @@ def _cap(was: FloatArray, now: FloatArray) -> float:
 
 def _removed(was: FloatArray, now: FloatArray, cap: float) -> Weight:
     """The share of errors (stretches,) that is removed; none counts for more than `cap`."""
-    was, now = np.minimum(was, cap), np.minimum(now, cap)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing could be forecast
+        return _removed_within(np.minimum(was, cap), np.minimum(now, cap))
+
+
+def _removed_within(was: FloatArray, now: FloatArray) -> Weight:
+    """The share of errors (stretches,), NaN where there are none."""
     share = 1.0 - float(now.sum() / was.sum())
     count = len(was)
     if count < 3:

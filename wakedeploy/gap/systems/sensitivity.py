@@ -28,6 +28,7 @@ from wakedeploy.gap.systems.duration import long_search
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log, held
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
+from wakedeploy.gap.systems.runaway import runaways
 from wakedeploy.gap.systems.statements import MOST_STEPS
 from wakedeploy.gap.systems.system import Input, StateSpace
 from wakedeploy.gap.systems.wrapped_angles import own_wraps
@@ -108,7 +109,7 @@ def column_notes(model: LogModel) -> list[str]:
             f"long logs: a search looks at the first {searched} samples of each block; sizes, and "
             "what sealed blocks say, come from all."
         )
-    notes += long_search(model)
+    notes += [*runaways(model), *long_search(model)]
     notes += _ranges(model)
     notes += misread(model)
     notes += [*_names(model), *_limits(model), *_constants(model), *_beginnings(model)]

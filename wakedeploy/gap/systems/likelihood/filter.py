@@ -382,6 +382,23 @@ class Filter:
                 stepping.on(x, p, held, *given, step_s=step_s / finer)
         return acting.readings(x[:, None, :], u.mean, *given, None, u.before)[:, 0]
 
+    def onward(
+        self, acting: Acting, values: Mapping[str, FloatArray], at: IntArray, samples: int
+    ) -> Iterator[FloatArray]:
+        """States (n, S) after each of some samples from the places `at` (S,), as guessed there."""
+        inputs, lanes, steps = self.arriving(acting, values), len(at), acting.system.steps
+        spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
+        spread |= acting.formed(spread)
+        x, p = self._begin(acting, at, 1, None)
+        stepping = Stepping(acting, self.aside(acting, lanes))
+        for step in range(samples * steps):
+            here = steps * at + step
+            time_s = np.asarray(here * acting.system.step_s, dtype=np.float64)[None, :]
+            u, c = inputs.at(0, here), acting.constants(spread, time_s)
+            stepping.on(x, p, u, c, spread, time_s)
+            if (step + 1) % steps == 0:
+                yield x[: len(acting.system.states)].copy()
+
     def _passed_over(self, measured: FloatArray, pieces: Pieces) -> npt.NDArray[np.bool_]:
         """The readings (T, m, S) that are not looked at: all but a channel's first of each part.
 

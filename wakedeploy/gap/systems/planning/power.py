@@ -14,6 +14,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import Fit, FloatArray, extended, own_places
 from wakedeploy.gap.progress import StepsDone, uncounted
 from wakedeploy.gap.rules import RULES, surely_nats
+from wakedeploy.gap.search.comparison import mean_squares
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.responses import GRID, Responses, lost_nats
 
@@ -214,8 +215,7 @@ def _mattering(responses: Responses, name: str, first: FloatArray) -> float:
     there[places] = responses.scaled(name, first, GRID)[0, far]
     with_it = replace(base, hypothesis=hypothesis, free=free, theta=there)
     parts = [np.concatenate(model.disagreements(f, base.episodes), 1) for f in (with_it, base)]
-    error = np.nanmean(parts[1] ** 2, axis=1)
-    moved = np.nanmean((parts[0] - parts[1]) ** 2, axis=1)
+    error, moved = mean_squares(parts[1]), mean_squares(parts[0] - parts[1])
     most = float(np.max(moved / np.maximum(error, _TINY)))
     if not most > _TINY:
         return math.inf
