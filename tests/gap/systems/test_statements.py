@@ -6,6 +6,7 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.sensitivity import column_notes
 
@@ -89,3 +90,15 @@ def test_a_look_says_that_no_effect_can_be_asked_for():
     """The attribute may be mistyped: then a table of constants alone looked complete."""
     model = LogModel(_with(ports=[]), [_log()])
     assert any("states no ports" in note for note in column_notes(model))
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"), [("forcast_s", "forecast_s"), ("outlier_shares", "outlier_share")]
+)
+def test_a_mistyped_attribute_is_named_with_the_one_that_is_meant(given, meant):
+    """It was passed over in silence, and the default taken."""
+    with pytest.raises(UnusableInput, match=f"{given} is nothing.*did you mean `{meant}`"):
+        checked(_with(**{given: 0.1}))
+    own = {f"_{given}": 0.1, "step_m": 0.05, "length_m": 2.0, "forecasts": lambda self: 1}
+    checked(_with(**own))
+    checked(_with(**{given: 0.1, meant: 0.2}))

@@ -8,6 +8,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 import numpy as np
@@ -40,6 +41,7 @@ Evaluate = Callable[[Mapping[str, FloatArray]], dict[str, Any]]
 
 _WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
 _POINTS = 20  # at which a constant is tried on either side of 0
+_MISTYPED = 0.92  # likeness of two names: `step_m`, which may be one's own, is less like `steps`
 _FAR = 4.0  # spreads from its value: bounds of a constant whose spread lets it turn
 # What a class states or may write anew; every other name of `StateSpace` is the library's own.
 _FUNCTIONS = ("derivative", "derivative_under", "step", "measure", "start")
@@ -57,6 +59,7 @@ def checked(system: _System) -> _System:
     shape or not finite.
     """
     _check_hidden_names(system)
+    _check_mistyped_names(system)
     check_statements(system)
     _check_ports(system)
     _check_functions(system)
@@ -114,6 +117,25 @@ def _check_hidden_names(system: StateSpace) -> None:
             raise UnusableInput(
                 f"{kind.__name__}.{name}: the library has `{name}` for its own use, and would get "
                 f"yours. Call it otherwise, as `my_{name.lstrip('_')}`."
+            )
+
+
+def _check_mistyped_names(system: StateSpace) -> None:
+    """UnusableInput for an attribute that is spelled much like one that may be stated, and is not.
+
+    What a class keeps for itself under another name, its functions, and names with an underscore
+    are its own.
+    """
+    kinds = [k for k in type(system).__mro__ if k.__module__.partition(".")[0] != "wakedeploy"]
+    own = {n: v for kind in reversed(kinds[:-1]) for n, v in vars(kind).items()} | vars(system)
+    stated = {n for n, v in own.items() if not callable(v) and not hasattr(v, "__get__")}
+    missing = sorted(StateSpace.__annotations__.keys() - own.keys() - {"correction"})
+    for name in sorted(stated - StateSpace.__annotations__.keys()):
+        close = [] if name.startswith("_") else get_close_matches(name, missing, 1, _MISTYPED)
+        if close:
+            raise UnusableInput(
+                f"{system.name}.{name} is nothing that a system states; did you mean "
+                f"`{close[0]}`? A name of your own may begin with an underscore."
             )
 
 
