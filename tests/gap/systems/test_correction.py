@@ -221,3 +221,11 @@ def test_an_effect_without_its_port_is_meant(tmp_path):
     model = LogModel(Measured(), [recorded(1)])
     with pytest.raises(UnusableInput, match=r"no effect 'offset'; did you mean offset@speed_mps\?"):
         model.acting(("offset",))
+
+
+def test_a_file_that_is_no_correction_is_told_to_be_none(tmp_path: Path) -> None:
+    """What it lacks would be news to nobody who gave the wrong file."""
+    path = tmp_path / "columns.toml"
+    path.write_text('version = 1\n[time]\ncolumn = "t"\n[columns.x]\ncolumn = "x"\n')
+    with pytest.raises(UnusableInput, match=r"is no correction; give the correction.toml that"):
+        read_correction(path, "Slide")

@@ -152,7 +152,13 @@ def read_correction(path: Path, system: str) -> Correction:
     Raises UnusableInput for a file that is absent, damaged, or of another system.
     """
     try:
-        document = Document.model_validate(toml_of(text_of(path)))
+        table = toml_of(text_of(path))
+        if not {"system", "sizes"} & table.keys():  # as of a columns.toml
+            raise UnusableInput(
+                f"{path} is no correction; give the correction.toml that `gap close` or `gap add` "
+                "wrote into its --out."
+            )
+        document = Document.model_validate(table)
     except pydantic.ValidationError as error:
         raise UnusableInput(f"{path}: {first_problem(error)}.") from error
     except (OSError, ValueError) as error:
