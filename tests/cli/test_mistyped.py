@@ -264,3 +264,11 @@ def test_a_mujoco_model_as_rig_or_system_is_answered_so_too(option: str, tmp_pat
     words = f"gap find {option} {tmp_path}/arm.xml --measured {tmp_path}/log.csv --out {tmp_path}/g"
     told = typed(words).stderr
     assert "is a MuJoCo model; `wakedeploy gap init my_robot.py --mjcf MODEL.xml`" in told
+
+
+def test_an_option_is_not_taken_for_one_that_is_hardly_alike() -> None:
+    """Of short names, both hyphens counted as likeness."""
+    assert "Did you mean" not in typed("gap power --jsn x").stderr
+    assert "power.json" in typed("gap power --json x").stderr
+    for given, meant_here in (("--secnds", "--seconds"), ("--col", "--columns")):
+        assert f"'{meant_here}'" in typed(f"gap power {given} 3").stderr

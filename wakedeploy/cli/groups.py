@@ -80,6 +80,7 @@ ELSEWHERE: Mapping[tuple[str, str], str] = {
     ("evaluate", "--runs"): _RUNS,
     ("evaluate", "--model"): _RUNS,
     ("evaluate", "--checkpoint"): _RUNS,
+    ("power", "--json"): "--out is the folder that power.json is written into.",
     ("train", "--batch"): "A preset's [settings] has the batch: --preset FILE.",
     ("tune", "--batch"): "It is a dimension: --dimension batch=VALUE.",
     ("sweep", "--batch"): "A plan's [settings] has the batch.",
@@ -155,7 +156,10 @@ def _no_option(error: click.NoSuchOption, ctx: click.Context) -> click.UsageErro
     if asked in _MJCF_OPTIONS and "--system" in has:
         advice = _MJCF
     if advice is None:
-        return error
+        # Of names this short the two hyphens alone make one look like another.
+        bare = {name.lstrip("-"): name for name in error.possibilities or ()}
+        close = [bare[name] for name in near(asked.lstrip("-"), bare)]
+        return click.NoSuchOption(error.option_name, possibilities=close, ctx=ctx)
     return click.UsageError(f"No such option '{error.option_name}'. {advice}", ctx)
 
 
