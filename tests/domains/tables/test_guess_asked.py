@@ -279,3 +279,20 @@ def test_the_heading_of_a_quaternion_may_be_asked_for(tmp_path: Path) -> None:
     text = guess_columns(tmp_path / "log.csv", [Asked("q_yaw_rad", "output", "rad")])
     (read,) = read_recordings([tmp_path / "log.csv"], parse_columns(text)).recordings
     assert read.columns["q_yaw_rad"] == pytest.approx(2.0 * half, abs=1e-3)
+
+
+def test_a_column_that_gets_another_name_loses_the_unit_of_its_own(tmp_path: Path) -> None:
+    """With `to = "bar"` left in it, [columns.tank_pa] is refused."""
+    log = tmp_path / "log.csv"
+    rows = np.column_stack([np.arange(100) / 20.0, *([np.linspace(0.5, 1.3, 100)] * 2)])
+    np.savetxt(log, rows, "%.6f", ",", header="t [s],p_tank [bar],p_supply [bar]", comments="")
+    text = guess_columns(
+        log, [Asked("tank_pa", "output", "Pa"), Asked("supply_pa", "output", "Pa")]
+    )
+    told = " ".join(text.split("\n# "))
+    assert 'Name its column [columns.tank_pa], with role = "output" and without `to`.' in told
+    renamed = text.replace("p_tank_bar]", "tank_pa]").replace("p_supply_bar]", "supply_pa]")
+    followed = [line for line in renamed.splitlines() if not line.startswith("to = ")]
+    columns = parse_columns("\n".join(followed).replace('"unused"', '"output"'))
+    (recording,) = read_recordings([log], columns).recordings
+    assert recording.columns["tank_pa"][0] == pytest.approx(0.5e5)

@@ -240,7 +240,7 @@ def _text(
     entries = [line for file in files for line in _entries(file, timing, taken, matches.found)]
     if not any(line.startswith("[columns.") for line in entries):
         raise _without_numbers(path, files)
-    entries += _not_found(asked, matches)
+    entries += _not_found(asked, matches, _kept_in_a_unit(entries))
     return "\n".join([*head, *entries]) + "\n"
 
 
@@ -319,27 +319,40 @@ def _with_only_orientation(
     return replace(matches, found=found)
 
 
-def _not_found(asked: Sequence[Asked], matches: Matches) -> Iterator[str]:
+def _kept_in_a_unit(entries: Sequence[str]) -> set[str]:
+    """The columns, as their lines say them, whose entries have a `to`, which goes with the name."""
+    found, column = set(), ""
+    for line in entries:
+        if line.startswith("column = "):
+            column = line
+        elif line.startswith("to = "):
+            found.add(column)
+    return found
+
+
+def _not_found(asked: Sequence[Asked], matches: Matches, kept: set[str]) -> Iterator[str]:
     """What a system asks for and no column is for certain, as comments."""
     found = {match.asked for match in matches.found.values()}
     for each in asked:
         if each not in found:
             said = f"Not found: {plain_line(each.name)} [{plain_line(each.unit)}]; "
-            said += _on_lacking(each, matches)
+            said += _on_lacking(each, matches, kept)
             yield ""
             yield textwrap.fill(said, 96, initial_indent="# ", subsequent_indent="# ",
                                 break_on_hyphens=False, break_long_words=False)  # fmt: skip
 
 
-def _on_lacking(each: Asked, matches: Matches) -> str:
+def _on_lacking(each: Asked, matches: Matches, kept: set[str]) -> str:
     if not _is_key(each.name):
         return "a column's name has letters from A to Z alone: rename it in the system."
-    why = "none is like it"
-    if called := matches.undecided.get(each):
-        why = f"it could be {_any_of(called)}"
-    elif measured := matches.in_unit.get(each):
-        why = f"none is called like it; by its unit it could be {_any_of(measured)}"
-    return f'{why}. Name its column [columns.{each.name}], with role = "{each.role}".'
+    why, places = "none is like it", matches.undecided.get(each, ())
+    if places:
+        why = f"it could be {_any_of(places)}"
+    elif places := matches.in_unit.get(each, ()):
+        why = f"none is called like it; by its unit it could be {_any_of(places)}"
+    has_to = any(f"column = {toml(name)}" in kept for _, name in places)
+    without = " and without `to`" if has_to else ""
+    return f'{why}. Name its column [columns.{each.name}], with role = "{each.role}"{without}.'
 
 
 def _any_of(places: Sequence[Place]) -> str:
@@ -510,7 +523,7 @@ def _entry(
     if match is None:
         named = contradicted(name, si_unit(unit))
         if named is not None and same_unit(named, unit):
-            yield f"to = {toml(unit)}  # as its name says"
+            yield f"to = {toml(unit)}  # as its name says; not under another one"
     if len(there) < len(file.values[field.name]):
         yield from _missing(file, field.name)
 
