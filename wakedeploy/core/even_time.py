@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-_JITTER = 0.5  # of the usual step: no sample is then nearer to another's place
+_JITTER = 0.5  # of the usual step
 
 
 def unevenness(times_s: NDArray[np.float64]) -> int | None:
     """The sample after the first step that is not even; None where all are.
 
-    `times_s` (n,) [s], of two samples or more. A step has to rise, and may be off by less than half
-    of the usual one. A time that is no number is uneven.
+    `times_s` (n,) [s], of two samples or more. A step has to rise, and may be off by half of the
+    usual one at most. A time that is no number is uneven.
     """
     steps_s = np.diff(times_s)
     usual_s = float(np.median(steps_s))

@@ -535,7 +535,7 @@ def settling(monkeypatch):
     """Nothing is fitted again, and everything is something."""
     monkeypatch.setattr(rounds, "settled", lambda model, fit: (fit, True))
     monkeypatch.setattr(rounds, "candidate", lambda base, name, fit, model: name)
-    monkeypatch.setattr(rounds, "_is_something", lambda effect, weight, searched: True)
+    monkeypatch.setattr(rounds, "_is_something", lambda effect, searched, by_forecasts: True)
     for stub in ("parameters", "least_squares", "errors"):
         monkeypatch.setattr(rounds, stub, lambda *given: {})
 
@@ -589,7 +589,7 @@ def test_what_was_judged_beside_a_superfluous_effect_is_judged_again_without_it(
 
     squares = {(): np.ones((9, 1)), ("c",): np.full((9, 1), left)}
     monkeypatch.setattr(judging, "crossed", lambda model, fitted: squares[fitted.hypothesis])
-    monkeypatch.setattr(withdrawal, "crossed", lambda model, fitted: np.ones((9, 1)))
+    monkeypatch.setattr(withdrawal, "removes_most", lambda model, before, after: False)
     monkeypatch.setattr(judging, "_ahead", ahead)
     chance = Ranked(
         name="a", gain_nats=1.0, needed_nats=4.0, interval=(1.0, 9.0), parameters={}, note=""
@@ -713,12 +713,31 @@ def test_what_surely_removes_most_of_the_error_owes_it_to_no_single_block(
     """A servo's weight: a push that lasts takes it up in all blocks but the first."""
     model = Linear({"gain": 0.4, "c": 0.6})
     found = fit(model, ("c",), range(model.episodes))
-    before = np.linspace(1.0, 1.2, 9)[:, None]
+    base, before = fit(model, (), range(model.episodes)), np.linspace(1.0, 1.2, 9)[:, None]
     monkeypatch.setattr(rounds, "crossed", lambda model, fitted: left * before)
-    effect = Candidate("c", found, np.array(gains))
-    verdict = rounds._judged(model, before, before, effect, 20.0, Chance(20.0, 3.0))
+    monkeypatch.setattr(rounds, "removes_most", lambda model, before, after: left < 0.5)
+    effect, was = Candidate("c", found, np.array(gains)), (before, before)
+    verdict = rounds._judged(model, base, was, effect, 20.0, Chance(20.0, 3.0))
     assert verdict.why == why
+    assert verdict.removes_most == (why == ACCEPTED)
     assert (verdict.weight is None) == (why == CHANCE)
+
+
+@pytest.mark.parametrize(("left", "is_most"), [(8 * [0.2], True), (8 * [0.6], False),
+                                               ([0.2, *7 * [1.0]], False)])  # fmt: skip
+def test_most_of_the_error_goes_in_blocks_and_not_in_the_stretches_of_one(
+    monkeypatch, left, is_most
+):
+    """The first block errs by thirty times as much as the others."""
+    loud = np.sqrt([30.0, *7 * [1.0]])
+    errors = {
+        "before": [s * np.ones((1, 80)) for s in loud],
+        "after": [
+            s * np.sqrt(share) * np.ones((1, 80)) for s, share in zip(loud, left, strict=True)
+        ],
+    }
+    monkeypatch.setattr(weighing, "_crossed_errors", lambda model, fitted: errors[fitted])
+    assert weighing.removes_most(None, "before", "after") == is_most
 
 
 @pytest.mark.parametrize(("named", "rivals", "goes_on"), [((), 4, True), (("a",), 4, False),

@@ -82,17 +82,24 @@ def test_gains_of_noise_are_seldom_steady():
 
 
 @pytest.mark.parametrize(
-    ("quiet_nats", "left", "kept"),
-    [(0.5, 0.9, ("a", "c")), (1000.0, 0.9, ("c",)), (1000.0, 0.3, ("a", "c"))],
+    ("quiet_nats", "fewest", "left", "kept"),
+    [
+        (0.5, 5, 0.9, ("a", "c")),
+        (1000.0, 5, 0.9, ("c",)),
+        (1000.0, 5, 0.3, ("c",)),
+        (0.5, 99, 0.9, ("c",)),
+        (0.5, 99, 0.3, ("a", "c")),
+    ],
 )
-def test_what_is_steady_stays_beside_what_was_found_after_it(monkeypatch, quiet_nats, left, kept):
+def test_what_is_steady_stays_beside_what_was_found_after_it(
+    monkeypatch, quiet_nats, fewest, left, kept
+):
     """Loud moments would ask a thousand nats of it; without them chance brings little.
 
     So does what most of the forecasts' error is without.
     """
-    monkeypatch.setattr(needed_gain, "RULES", replace(RULES, fewest_blocks=5))
-    squares = {("c",): np.ones((9, 1)), ("a", "c"): np.full((9, 1), left)}
-    monkeypatch.setattr(withdrawal, "crossed", lambda model, fitted: squares[fitted.hypothesis])
+    monkeypatch.setattr(needed_gain, "RULES", replace(RULES, fewest_blocks=fewest))
+    monkeypatch.setattr(withdrawal, "removes_most", lambda model, before, after: left < 0.5)
     model = Linear({"gain": 0.4, "a": 0.5, "c": 0.6})
     episodes = range(model.episodes)
     found = fit(model, ("a", "c"), episodes)

@@ -227,8 +227,17 @@ def test_an_effect_whose_size_may_be_nothing_is_not_named(size, something):
     base, larger = fit(model, (), episodes), fit(model, ("c",), episodes)
     assert is_nothing(larger, "c") != something
     searched = Round(given=[], threshold_nats=-100.0, steady_nats=-100.0, ranking=[])
-    little = Weight(0.1, 0.0, 0.2)
-    assert _is_something(candidate(base, "c", larger), little, searched) == something
+    assert _is_something(candidate(base, "c", larger), searched, False) == something
+
+
+def test_what_forecasts_show_in_every_block_may_gain_in_one():
+    model = Linear({"gain": 0.4, "c": 0.6})
+    larger = fit(model, ("c",), range(model.episodes))
+    gains = np.array([30.0, *(len(larger.episodes) - 1) * [0.2]])
+    searched = Round(given=[], threshold_nats=20.0, steady_nats=3.0, ranking=[])
+    for by_forecasts in (False, True):
+        effect = Candidate("c", larger, gains)
+        assert _is_something(effect, searched, by_forecasts) == by_forecasts
 
 
 def test_an_effect_of_no_size_is_not_what_a_fit_rises_by():

@@ -74,7 +74,7 @@ def _is_said(model: LogModel, passes_s: float, why: str, said: tuple[str, str]) 
     for told, sets in ((least, 100.0), (most, 1000.0)):
         assert told == duration._rounded(sets * effects * passes_s / 8.0)
     many = f"(2 states, {effects} effects)"
-    assert f"between {least} and {most} here {many}{why}: the more, the more is" in notes[0]
+    assert f"between {least} and {most} here {many}{why}, and more where" in notes[0]
     assert "spread=0" in notes[0]
 
 

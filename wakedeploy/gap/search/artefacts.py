@@ -16,7 +16,7 @@ from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.core.validation import first_problem
 from wakedeploy.gap.rules import RULES, Rules
 
-VERSION = 3
+VERSION = 4
 
 Verdict = Literal["named", "class", "none", "unknown"]
 
@@ -168,8 +168,8 @@ class Law(Part):
 class Leftover(Part):
     """A push on a state's rate that nothing explains: its sd, and its share of the usual rate.
 
-    `of_parts` is its share of what the rate would be if its parts did not hold against each other,
-    as a servo's spring does against its command. `law` is the most evident function of one
+    `of_parts` is its share of what the rate would be if its inputs did not hold against its states,
+    as a servo's command does against its spring. `law` is the most evident function of one
     coordinate that it follows; `matters` says whether the push shows that something unknown is
     missing. `not_offered` are kinds of effect that could act there but that the system's port
     leaves out; without a port (`has_port`) none can.

@@ -162,7 +162,7 @@ def _searched(
 ) -> Named:
     """What is named on top of a base; candidates start there, or where `anew` has them."""
     outcome = _found(model, base, outcome, progress, anew)
-    needed = any(weight.is_most for weight in outcome.weights.values())
+    needed = any(weight.low > RULES.surely_share for weight in outcome.weights.values())
     if not needed and is_outdone(model, outcome.found):
         for name in outcome.found.hypothesis:
             outcome.rounds[:] = [marked(r, name, OUTDONE) for r in outcome.rounds]

@@ -35,12 +35,14 @@ class Verdict:
     """A candidate of a round, why it is not named (or "accepted"), and what forecasts say.
 
     `squares` are the squared errors of its forecasts of each stretch (stretches, channels).
+    `removes_most` says that it is evident by forecasts, whatever loud moments and single blocks do.
     """
 
     candidate: Candidate
     why: str
     weight: Weight | None = None
     squares: FloatArray | None = None
+    removes_most: bool = False
 
 
 def rivals_with(best: Candidate, other: Candidate) -> bool:

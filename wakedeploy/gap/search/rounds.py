@@ -49,7 +49,13 @@ from wakedeploy.gap.search.rivalry import (
 from wakedeploy.gap.search.scan import NOTHING, elaborates, ranked, refines, simpler
 from wakedeploy.gap.search.size_bounds import is_steady
 from wakedeploy.gap.search.sizes import least_squares, parameters
-from wakedeploy.gap.search.weighing import Weight, crossed, share_of_gap, weight_of
+from wakedeploy.gap.search.weighing import (
+    Weight,
+    crossed,
+    removes_most,
+    share_of_gap,
+    weight_of,
+)
 
 _TRIED = 6  # candidates of a round whose forecasts are looked at
 
@@ -98,7 +104,7 @@ def _judged_round(
     begun = crossed(model, outcome.base) if found.hypothesis else before
     needed = [needed_nats(effect, chance, len(ranking)) for effect in ranking]
     verdicts = [
-        _judged(model, begun, before, effect, nats, chance)
+        _judged(model, found, (begun, before), effect, nats, chance)
         for effect, nats in zip(ranking[:_TRIED], needed, strict=False)
     ]
     verdicts += [Verdict(effect, "") for effect in ranking[_TRIED:]]
@@ -117,23 +123,24 @@ def _judged_round(
 
 def _judged(
     model: Comparison,
-    begun: FloatArray,
-    before: FloatArray,
+    found: Fit,
+    errors_before: tuple[FloatArray, FloatArray],
     effect: Candidate,
     needed: float,
     chance: Chance,
 ) -> Verdict:
     """Why a candidate is not named, or "accepted"; it has to gain what is `needed` [nats].
 
-    `begun` and `before` are squared errors of the base and of what was found. A further effect has
+    `errors_before` are squared errors of the base and of what was `found`. A further effect has
     to matter as a share of the base's errors: no form is exact, and once nearly all of a gap is
     closed, every trifle is a large share of the rest. A finer law of a friction that was found has
     to matter more than that; if it does not, whether it improves forecasts is chance.
 
-    An effect that surely removes most of the error owes that to no loud moment and to no single
-    block: it only has to gain more than quiet noise brings by `chance`. A push that lasts takes up
-    a constant force in each block but the first, and so nats say little of one.
+    An effect that surely removes most of the error, block by block, owes that to no loud moment and
+    to no single block: it only has to gain more than quiet noise brings by `chance`. A push that
+    lasts takes up a constant force in each block but the first, and so nats say little of one.
     """
+    begun, before = errors_before
     known = effect.fit.hypothesis[:-1]
     if effect.gain_nats <= min(needed, chance.without_loud_nats):
         return Verdict(effect, CHANCE)
@@ -142,9 +149,11 @@ def _judged(
     squares = crossed(model, effect.fit)
     weight = weight_of(before, squares)
     gained = share_of_gap(begun, before, squares)
-    if effect.gain_nats <= needed and not weight.is_most:
+    is_evident = effect.gain_nats > needed and is_shared(effect, needed)
+    by_forecasts = not is_evident and removes_most(model, found, effect.fit)
+    if effect.gain_nats <= needed and not by_forecasts:
         return Verdict(effect, CHANCE)
-    if not (is_shared(effect, needed) or weight.is_most):
+    if not is_evident and not by_forecasts:
         why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif gained < RULES.least_share and any(refines(model, effect.name, n) for n in known):
         why = REFINES
@@ -152,7 +161,7 @@ def _judged(
         why = TRIFLE if gained < RULES.least_of_gap else ACCEPTED
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
-    return Verdict(effect, why, weight, squares)
+    return Verdict(effect, why, weight, squares, by_forecasts)
 
 
 def _leader(verdicts: Sequence[Verdict]) -> Verdict | None:
@@ -307,7 +316,7 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
             return None
         better, still = settled(model, effect.fit)
         follows = candidate(outcome.found, effect.name, better, model)
-        if not _is_something(follows, weight, searched):
+        if not _is_something(follows, searched, verdict.removes_most):
             why = NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK
             searched = outcome.rounds[-1] = marked(searched, effect.name, why)
             continue
@@ -319,10 +328,13 @@ def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named |
     return None
 
 
-def _is_something(effect: Candidate, weight: Weight, searched: Round) -> bool:
-    """Whether more than one block gains, and size, gain or blocks exclude that nothing is there."""
+def _is_something(effect: Candidate, searched: Round, by_forecasts: bool) -> bool:
+    """Whether more than one block gains, and size, gain or blocks exclude that nothing is there.
+
+    What is evident `by_forecasts` has removed error from all of them.
+    """
     needed = needed_nats(effect, chance_of(searched), len(searched.ranking))
-    return (is_shared(effect, needed) or weight.is_most) and (
+    return (by_forecasts or is_shared(effect, needed)) and (
         not is_nothing(effect.fit, effect.name)
         or effect.gain_interval()[0] > 0.0
         or is_steady(np.asarray(effect.gains))
@@ -348,7 +360,7 @@ def _twins(
     begun, before = crossed(model, outcome.base), crossed(model, found)
     chance = chance_of(searched)
     nats = needed_nats(best.candidate, chance, len(needed))
-    verdict = _judged(model, begun, before, best.candidate, nats, chance)
+    verdict = _judged(model, found, (begun, before), best.candidate, nats, chance)
     singles = [v.candidate for v in verdicts if v.why == ACCEPTED]
     is_needed = not any(rivals_with(best.candidate, single) for single in singles)
     if verdict.why != ACCEPTED or verdict.weight is None or not is_needed:

@@ -39,11 +39,6 @@ class Weight:
         """
         return self.share >= RULES.least_share and self.share + self.low > 0.0
 
-    @property
-    def is_most(self) -> bool:
-        """Whether it surely removes most of the error."""
-        return self.low > RULES.surely_share
-
 
 def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> Weight:
     """The weight on blocks that neither fit has seen."""
@@ -79,12 +74,32 @@ def _worse(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) 
 
 def crossed(model: Comparison, fitted: Fit) -> FloatArray:
     """Squared errors (stretches, channels), each with parameters that the other blocks prefer."""
+    return stretches(model, _crossed_errors(model, fitted))
+
+
+def removes_most(model: Comparison, before: Fit, after: Fit) -> bool:
+    """Whether an effect surely removes most of the error, each block of logs counting as one.
+
+    Stretches of one block would lend each other weight, and one loud block decide for all.
+    """
+    was, now = (
+        np.array([np.nansum(np.square(block), axis=1) for block in _crossed_errors(model, fitted)])
+        for fitted in (before, after)
+    )
+    if not np.all(np.isfinite(now)):
+        return False
+    was, now = _summed(was, now)
+    cap = RULES.far_stretch * float(np.median(was)) or np.inf
+    return _removed(was, now, cap).low > RULES.surely_share
+
+
+def _crossed_errors(model: Comparison, fitted: Fit) -> Sequence[FloatArray]:
+    """Errors of each block (channels, n), with parameters that the other blocks prefer."""
     count = len(fitted.episodes)
     folds = np.array_split(np.arange(count), min(_FOLDS, count))
     thetas = np.array([without(fitted, fold.tolist()) for fold in folds])
     sets = np.repeat(np.arange(len(folds)), [len(f) for f in folds]).tolist()
-    errors = model.crossed_disagreements(fitted, thetas, sets)
-    return stretches(model, errors)
+    return model.crossed_disagreements(fitted, thetas, sets)
 
 
 def unseen(model: Comparison, fitted: Fit) -> FloatArray:

@@ -21,7 +21,7 @@ from wakedeploy.gap.search.outcome import NO_SIZE, UNSEEN_WORSE, Named, chance_o
 from wakedeploy.gap.search.rivalry import is_nothing, sizes_of
 from wakedeploy.gap.search.size_bounds import profiled
 from wakedeploy.gap.search.sizes import joined_sizes
-from wakedeploy.gap.search.weighing import crossed, helps, weight_of
+from wakedeploy.gap.search.weighing import helps, removes_most
 
 _ALIKE = 0.2  # cosine of what two effects change
 
@@ -31,8 +31,8 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
 
     What was named first took what is another's, and that one was fitted beside it. So where both
     change outputs alike, the other also begins anew. One effect is asked, not the best of many: to
-    gain steadily, it need not be steadier than the luckiest of all would be. It stays, too, if
-    forecasts surely lose most of what they are by it.
+    gain steadily, it need not be steadier than the luckiest of all would be. It stays, too, if it
+    gains more than quiet noise brings, and surely removes most of the forecasts' error.
     """
     found = outcome.found
     if not outcome.rounds:
@@ -46,8 +46,9 @@ def still_needed(model: Comparison, outcome: Named) -> Named:
         again = candidate(without, name, found, model)
         needed = needed_nats(again, chance, alarms=RULES.false_alarms)
         if again.gains.sum() <= needed or not is_shared(again, needed):
-            lost = weight_of(crossed(model, without), crossed(model, found))
-            found = found if lost.is_most else without
+            is_quiet = again.gains.sum() <= chance.without_loud_nats
+            if is_quiet or not removes_most(model, without, found):
+                found = without
     return left_of(outcome, found)
 
 

@@ -13,10 +13,10 @@ from wakedeploy.gap.evidence.fits import neutral
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
 _TRIED = 8  # parameter sets that are timed: one alone takes longer than one of many
-# Sets that a search tries, per effect: of 19 recordings and 30 simulated plants five took more than
-# the most, up to 2,000, and seven, of which nothing or one effect is missing, less than the least.
+# Sets that a search usually tries, per effect: of 19 recordings and 30 simulated plants five took
+# more, up to 2,000, and seven, of which nothing or one effect is missing, took less.
 _LEAST, _MOST = 100.0, 1000.0
-_WORTH_SAYING_S = 120.0  # the most that it takes
+_WORTH_SAYING_S = 120.0  # of what it usually takes at most
 _HOUR_S = 3600.0
 
 
@@ -30,9 +30,9 @@ def long_search(model: LogModel) -> list[str]:
     by_point = ", as each of its points is computed by the simulator"
     why = by_point if model.system.costs_by_point else ""
     return [
-        f"a search takes between {least} and {most} here ({many}){why}: the more, the more is "
-        "missing. It takes less with fewer ports or kinds, constants that are exact (spread=0), a "
-        "lower rate_hz, or a shorter log."
+        f"a search usually takes between {least} and {most} here ({many}){why}, and more where "
+        "much is missing. It takes less with fewer ports or kinds, constants that are exact "
+        "(spread=0), a lower rate_hz, or a shorter log."
     ]
 
 

@@ -50,8 +50,8 @@ def outweighs(answer: Answer) -> Leftover | None:
     """The push that is more than all that the system itself does to a rate; of several the largest.
 
     A force that nobody thought of is rarely that large, a column in another unit often is. A rate
-    of which parts hold against each other, as those of a stiff servo, says little of what the
-    system does: the push has to be more than the parts, too. None where constants say so already,
+    whose inputs hold against its states, as those of a stiff servo, says little of what the system
+    does: the push has to be more than these parts, too. None where constants say so already,
     and where forecasts show that the equations are wrong.
     """
     if answer.moved or answer.is_outdone:

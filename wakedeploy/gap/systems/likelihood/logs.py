@@ -580,8 +580,7 @@ class LogModel(ComparisonDefaults):
     def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
         """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
 
-        `parts …` is the size of a rate whose parts, one of each input and state, do not hold
-        against each other.
+        `parts …` is the size of a rate if its inputs do not hold against its states.
         `least …` is how near to 0 an input or a known state comes; `turns …` is 1 if it changes its
         sign, else 0. `largest …` is how far from 0 an input goes; `lowest …` and `highest …` are
         the ends of a known state. `y …` is the size about an output's mean; `top …` and `bottom …`
@@ -659,9 +658,12 @@ class LogModel(ComparisonDefaults):
 
 
 def _at_other_times(*columns: FloatArray) -> list[FloatArray]:
-    """The same columns, (n, N) and (i, N), each of their rows in an order of its own."""
+    """The same columns, (n, N) and (i, N), each of the two in an order of samples of its own.
+
+    States stay together: a spring between two of them would else be as long as both wander.
+    """
     rng = np.random.default_rng(0)
-    return [rng.permuted(each, axis=1) for each in columns]
+    return [each[:, rng.permutation(each.shape[1])] for each in columns]
 
 
 def _newest(read: FloatArray, before: FloatArray) -> FloatArray:
