@@ -263,12 +263,12 @@ def test_a_constant_that_nothing_reads_is_not_fitted() -> None:
     system = checked(_valve(constants=[*Valve.constants, *spare]))
     model = LogModel(system, [_swung(0.0)])
     told = column_notes(model)
-    assert "read by no function and no port, and not fitted: wall_m." in told
+    assert "shown by no output of these logs, and not fitted: wall_m." in told
     fitted = {free.name for free in model._nuisances}
     assert {"constant.wall_m", "constant.dial_s"} & fitted == {"constant.dial_s"}
     ported = [*Valve.ports, Port.constant("wall_m")]
     other = LogModel(checked(_valve(constants=system.constants, ports=ported)), [_swung(0.0)])
-    assert not other.unread
+    assert not other.unshown
 
 
 def test_a_constant_that_no_output_shows_is_not_fitted() -> None:
@@ -286,6 +286,72 @@ def test_a_constant_that_no_output_shows_is_not_fitted() -> None:
     fitted = {free.name for free in model._nuisances}
     assert {"constant.wall_m", "constant.flow_s"} & fitted == {"constant.flow_s"}
     assert model.unknown_constants() == {"wall_m": Quantity(value=3.0, unit="m")}
+
+
+class Stopped(System):
+    """A valve with a spring beyond an end, whose constant is read where the valve gets there."""
+
+    rate_hz = 100.0
+    inputs = [Input("command_pct", "%")]
+    states = {"flow": "m3/s"}
+    outputs = [Output("flow", "m3/s")]
+    end = 0.94
+    constants = [
+        Constant("flow_s", 0.3, spread=float("inf")),
+        Constant("stop_per_s", 20.0, spread=float("inf"), low=0.01, high=1e4),
+    ]
+
+    def derivative(self, state, inputs, c):
+        beyond = state.flow - self.end
+        moved = (inputs.command_pct - state.flow) / c.flow_s
+        if np.any(beyond > 0.0):
+            moved = moved - c.stop_per_s * np.maximum(beyond, 0.0)
+        return {"flow": moved}
+
+
+def _late_stop(samples: int, late: int) -> Recording:
+    """A valve that swings wider in its last samples, with the noise of its sensor."""
+    swing = np.where(np.arange(samples) < samples - late, 0.8, 1.2)
+    command = swing * np.sin(np.arange(samples) / 40.0)
+    flow = 0.8 * swing * np.sin(np.arange(samples) / 40.0 - 0.6)
+    flow = flow + 1e-3 * np.random.default_rng(0).standard_normal(samples)
+    return Recording("made", np.arange(samples) / 100.0, {"command_pct": command, "flow": flow})
+
+
+@pytest.mark.parametrize("costs_by_point", [False, True])
+def test_a_stop_that_few_samples_meet_keeps_its_constant_free(costs_by_point: bool) -> None:
+    """No sample but the last ones are beyond the end: tried elsewhere, no function reads it."""
+    log = _late_stop(3000, 300)
+    beyond = (log.columns["flow"] > 0.94).mean()
+    assert 0.0 < beyond < 0.02
+    kind = type("Stop", (Stopped,), {"costs_by_point": costs_by_point})
+    model = LogModel(checked(kind()), [log])
+    assert "constant.stop_per_s" in {free.name for free in model.free(())}
+    assert not [note for note in column_notes(model) if "not fitted" in note]
+    away = LogModel(checked(type("Away", (kind,), {"end": 2.0})()), [log])
+    assert away.unshown == {"stop_per_s"}
+
+
+def test_what_is_free_in_a_part_of_long_logs_is_free_in_all_of_them() -> None:
+    """A search looks at the first samples, its sizes come from all: of one set of parameters."""
+    log = _late_stop(60_000, 300)
+    model = LogModel(checked(Stopped()), [log])
+    part = model.thinned()
+    assert part is not model
+    free = [free.name for free in part.free(())]
+    assert "constant.stop_per_s" in free
+    assert free == [free.name for free in model.free(())]
+
+
+def test_a_constant_that_takes_the_model_out_of_its_range_leaves_the_others_unshown() -> None:
+    """A tenth of what it is gives no number; that nothing reads another is shown all the same."""
+
+    def derivative(self, state, inputs, c):
+        return {"flow": (inputs.command_pct - state.flow) / (0.3 * np.sqrt(2.0 * c.lift_m - 1.0))}
+
+    loose = [Constant(name, 1.0, spread=float("inf")) for name in ("lift_m", "wall_m")]
+    rooted = type("Rooted", (Stopped,), {"constants": loose, "derivative": derivative})
+    assert LogModel(checked(rooted()), [_late_stop(3000, 300)]).unshown == {"wall_m"}
 
 
 def test_an_input_that_is_held_over_a_silence_is_said() -> None:

@@ -373,8 +373,6 @@ def _constants(model: LogModel) -> list[str]:
     constants = model.system.constants
     exact = [c.name for c in constants if c.spread == 0.0]
     notes = [f"taken as exact, for want of a spread: {', '.join(exact)}."] if exact else []
-    if idle := [c.name for c in constants if c.name in model.unread]:
-        notes.append(f"read by no function and no port, and not fitted: {', '.join(idle)}.")
     if hidden := [c.name for c in constants if c.name in model.unshown]:
         notes.append(f"shown by no output of these logs, and not fitted: {', '.join(hidden)}.")
     notes += _unitless(model)

@@ -6,7 +6,7 @@ wherever a search takes them; inputs are what a log says, and no rope is 0 m lon
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -77,39 +77,10 @@ def is_number(
     return np.asarray(np.logical_and.reduce(finite))
 
 
-def unread(system: "StateSpace") -> set[str]:
-    """Constants that no function reads and no port names: no log can say anything of them.
-
-    None where functions take the constants otherwise than by their names.
-    """
-    state, inputs = split(system, bearable(system, random_points(system, (2,))))
-    noted = cast("Point", _Noted(system.values()))
-    try:
-        with np.errstate(all="ignore"):
-            system.rates(state, inputs, noted)
-            system.rates(state, inputs, noted, {})
-            system.readings(state, inputs, noted)
-    except Exception:  # whatever a user's function raises is said where it is checked
-        return set()
-    read: set[str] = vars(noted)["read"]
-    return {c.name for c in system.constants} - named_by_ports(system) - read
-
-
 def named_by_ports(system: "StateSpace") -> set[str]:
     """Constants that effects at the ports are about, also where no equation reads them."""
     named = {n for p in system.ports for n in (p.inertia, p.friction)}
     return named | {p.name for p in system.ports if p.role == "constant"}
-
-
-class _Noted:
-    """Values by name, and the names that were read."""
-
-    def __init__(self, values: "Point") -> None:
-        self.__dict__["values"], self.__dict__["read"] = values, set()
-
-    def __getattr__(self, name: str) -> Any:
-        vars(self)["read"].add(name)
-        return getattr(vars(self)["values"], name)
 
 
 def _gives_numbers(system: "StateSpace", points: Points) -> bool:

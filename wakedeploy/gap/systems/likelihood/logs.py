@@ -37,7 +37,6 @@ from wakedeploy.gap.systems.likelihood.strays import without_strays
 from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.likelihood.unshown_constants import unshown
 from wakedeploy.gap.systems.system import Point, StateSpace
-from wakedeploy.gap.systems.trial_points import unread
 
 _TOGETHER = 15000  # samples times effects that are looked at in one run
 # Pieces times parameter sets up to which a step of the filter costs at most twice that of one.
@@ -160,6 +159,7 @@ class LogModel(ComparisonDefaults):
         if max(b.stop - b.start for b in self.blocks) <= enough:
             return self
         part = copy.copy(self)
+        part.unshown = self.unshown  # by all samples: what is free is the same in both
         part.blocks = [replace(b, stop=min(b.stop, b.start + enough)) for b in self.blocks]
         part.filter = copy.copy(self.filter)
         part.filter.blocks = part.blocks
@@ -176,6 +176,7 @@ class LogModel(ComparisonDefaults):
         if self.horizon < _FEW * RULES.readings_ahead:
             return None
         view = copy.copy(self)
+        view.unshown = self.unshown
         view.filter = copy.copy(self.filter)
         view.filter.stretch = self.horizon, RULES.readings_ahead
         view.is_pushed = False
@@ -508,29 +509,22 @@ class LogModel(ComparisonDefaults):
         ]
 
     @functools.cached_property
-    def unread(self) -> set[str]:
-        """Constants that nothing reads and no spread holds: a fit would move them to anywhere."""
-        loose = {c.name for c in self.system.constants if np.isinf(c.spread)}
-        return loose & unread(self.system) if loose else loose
-
-    @functools.cached_property
     def unshown(self) -> set[str]:
-        """Constants of unlimited spread that are read, and that no output of the logs shows."""
+        """Constants of unlimited spread that no output of the logs shows: they are not fitted."""
         return unshown(self, (*self._noise(), *self._clocks(), *self._constants(), *self._form()))
 
     def unknown_constants(self) -> dict[str, Quantity]:
         """What is stated of the constants that these logs say nothing of, in the system's order."""
-        left = self.unread | self.unshown
         return {
             c.name: Quantity(value=c.value, unit=self.system.unit_of_constant(c.name))
             for c in self.system.constants
-            if c.name in left
+            if c.name in self.unshown
         }
 
     def _constants(self) -> list[Free]:
         parameters = []
         for c in self.system.constants:
-            if c.spread > 0.0 and c.name not in self.unread:
+            if c.spread > 0.0:
                 step = 1e-3 * (abs(c.value) or 1.0)
                 if np.isfinite(c.spread):
                     step = 0.02 * c.spread

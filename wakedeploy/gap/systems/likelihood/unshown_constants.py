@@ -1,7 +1,8 @@
-"""Constants that the equations read, and that no output of the logs shows.
+"""Constants that no output of the logs shows: no equation reads them, or nothing comes of it.
 
 In: a `LogModel` and what a fit of it may move. Out: names. A likelihood is flat in such a constant,
-so that rounding alone would take one without a limit of spread to a bound.
+so that rounding alone would take one without a limit of spread to a bound. All blocks are asked, as
+a function may read a constant in few samples alone: a hard stop, where something hits it.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ _ROUNDING = 1e-9  # of the standard deviation of a prediction error
 def unshown(model: "LogModel", free: Sequence[Free]) -> set[str]:
     """Constants of unlimited spread that move no prediction of the logs; ports name none of them.
 
-    None where the model leaves its range on these logs: there nothing shows anything.
+    None where the model as stated leaves its range on these logs: there nothing shows anything.
     """
     kept = {f"constant.{name}" for name in named_by_ports(model.system)}
     loose = [
@@ -37,11 +38,13 @@ def unshown(model: "LogModel", free: Sequence[Free]) -> set[str]:
     with np.errstate(all="ignore"):
         run = model.filter.run(model.acting(()), values, range(model.episodes))
     innovation, variance, density, _ = run.statistics  # (T, m, K, parts) each
-    if (density == LOST_NATS).any():
+    lost = density == LOST_NATS
+    if lost[:, :, 0].any():
         return set()
     sd = np.sqrt(variance[:, :, :1])
     off = np.abs(innovation - innovation[:, :, :1]) / sd
     off = np.maximum(off, np.abs(np.sqrt(variance) / sd - 1.0))
+    off[lost] = np.inf
     most = off.max(axis=(0, 1, 3))[1:].reshape(len(loose), len(_TIMES)).max(axis=1)
     names = (free[i].quantity for i in loose)
     return {name for name, far in zip(names, most, strict=True) if far < _ROUNDING}
