@@ -161,8 +161,13 @@ def test_a_name_s_end_says_its_unit(name: str, unit: str | None) -> None:
         ("drag_n_s_per_m", "N s/m"),
         ("fall_per_s2", "1/s²"),
         ("leak_mbar_per_s", "mbar/s"),
-        ("near_per_kg", "1/kg"),
         ("steps_per_m", "steps/m"),
+        ("stiffness_n_per_m", "N/m"),
+        ("kd_nm_s_per_rad", "N m s/rad"),
+        ("kd_n_m_s_per_rad", "N m s/rad"),
+        ("ke_v_s_per_rad", "V s/rad"),
+        ("drag_n_s2_per_m2", "N s²/m²"),
+        ("gain_n_m_per_a", "N m/A"),
         ("gain_per_volt", None),
         ("per_s", None),
     ],
@@ -173,6 +178,22 @@ def test_what_stands_below_per_is_all_of_it(name: str, unit: str | None) -> None
     assert unit is None or is_known(unit)
     if unit is not None:
         assert conversion(unit, unit) == 1  # one that is understood
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "torque_per_a", "force_per_v", "thrust_per_rpm", "pwm_per_v", "current_per_nm",
+        "energy_kwh_per_kg", "kd_nms_per_rad", "tonnes_per_m", "near_per_kg", "force_per_n",
+        "n_m_per_v", "v_s_per_rad",  # all of the name is units: one letter of them names something
+        "gain_m_s_per_v", "gain_rad_s_per_v",  # m s/V, or m/s a volt
+        "gain_k_n_per_v", "flow_min_per_v", "motor_kt_per_a",
+    ],
+)  # fmt: skip
+def test_a_word_above_per_that_is_no_unit_leaves_it_open(name: str) -> None:
+    """A torque_per_a had 1/A, and a kd_nm_s_per_rad was a time by an angle."""
+    assert unit_at_end(name) is None
+    assert unit_of(name) is None  # nor is a force_per_n in newtons
 
 
 @pytest.mark.parametrize(

@@ -233,11 +233,17 @@ _RECASED = _recased()
 def unit_of(name: str) -> str | None:
     """The unit a constant's name ends in (`mass_kg` → "kg"), or None if it carries none."""
     parts = name.split("_")
-    for start in range(len(parts)):  # from the whole name on: steps_per_m is not in metres
+    # From the whole name on, and to "per": neither steps_per_m nor force_per_m is in metres.
+    for start in range(_last_per(parts) + 1 or len(parts)):
         unit = _UNIT_OF_NAME.get("_".join(parts[start:]))
         if unit:
             return unit
     return None
+
+
+def _last_per(words: list[str]) -> int:
+    """Where the last "per" stands among a name's words; -1 without one."""
+    return max((i for i, word in enumerate(words) if word == "per"), default=-1)
 
 
 _ENDS = {  # of any name, after a word: what a unit's end stands for
@@ -247,10 +253,15 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
     "dps": "deg/s", "ma": "mA", "us": "us", "ms": "ms", "um": "um", "pct": "%", "percent": "%",
 }  # fmt: skip
 # Alone, `arm_a` is no current.
-_ENDS_ABOVE = _ENDS | {"a": "A", "j": "J", "k": "K", "l": "l", "m3": "m³", "n·s": "N s"}
+_ENDS_ABOVE = _ENDS | {"a": "A", "j": "J", "k": "K", "l": "l", "m3": "m³", "s2": "s²"}
 _ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s", "s2": "s²", "min": "min"}
-_ONE_WORD = {"_kg_m2": "_kgm2", "_n_m_per_": "_nm_per_", "_n_s_per_": "_n·s_per_"}
-_WORD_LETTERS = 3  # of what is no unit and is counted, as in `steps_per_m`; fewer may be one
+# In several words above "per". Others may be a quotient, as m_s, or an axis and a unit, as k_n.
+_PRODUCTS = {
+    "kg m2": "kg m²", "n m": "N m", "n s": "N s", "n s2": "N s²", "n m s": "N m s",
+    "nm s": "N m s", "v s": "V s", "w s": "W s", "pa s": "Pa s",
+}  # fmt: skip
+_WORD_LETTERS = 3  # of a unit that is written out, as in `steps_per_m`; fewer may be a name's
+_NO_UNITS = {"min"}  # above "per": the least of something
 
 _ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt` is a constant
     "cm": ["cm"], "km": ["km"], "kmh": ["kmh"], "kn": ["kN", "knots"], "kt": ["knots"],
@@ -273,27 +284,44 @@ _PLAIN_ENDS = {"mps", "mps2", "radps", "radps2", "kgm2", "rpm", "kmh", "knots", 
 def unit_at_end(name: str) -> str | None:
     """The unit that any name ends in, or None: `resistance_ohm` → "ohm", `push_n_per_v` → "N/V".
 
-    All that stands below "per" counts, as in `heat_j_per_kg_k`, and a word above it that is no unit
-    is counted: `near_per_kg` → "1/kg". What the rig's constants end in is `unit_of`'s.
+    All that stands below "per" counts, as in `heat_j_per_kg_k`, and above it a unit, which may be a
+    product: `kd_nm_s_per_rad` → "N m s/rad". Of a `torque_per_a` nobody knows what is divided. What
+    the rig's constants end in is `unit_of`'s.
     """
-    for parts, one in _ONE_WORD.items():
-        name = name.replace(parts, one)
+    name = name.replace("_kg_m2", "_kgm2")
     *words, end = name.split("_")
-    if "per" not in words:
+    at = _last_per(words)
+    if at < 0:
         return _ENDS.get(end) if words else None
-    at = len(words) - 1 - words[::-1].index("per")
     below = [_ENDS_BELOW.get(word) for word in (*words[at + 1 :], end)]
     if at == 0 or None in below:
         return None
-    per = " ".join(map(str, below))
-    per = f"({per})" if set(per) & set(" /") else per
-    above = words[at - 1]
-    if at > 1 and above in _ENDS_ABOVE:
-        return f"{_ENDS_ABOVE[above]}/{per}"
-    is_of_the_rig = any("_".join([*words[k:], end]) in _UNIT_OF_NAME for k in range(at + 1))
-    if (is_of_the_rig and not is_known(above)) or len(above) < _WORD_LETTERS:
+    above = _above_per(words[:at])
+    if above is None and below == ["s²"] and not _is_unit_word(words[at - 1]):
+        above = "1"  # as 1/s of the rig's constants: a stiffness by the mass that it moves
+    if above is None:
         return None
-    return f"{above if is_known(above) else 1}/{per}"
+    per = " ".join(map(str, below))
+    return f"{above}/({per})" if set(per) & set(" /") else f"{above}/{per}"
+
+
+def _above_per(words: list[str]) -> str | None:
+    """The unit in the words of a name above "per"; None where there is none, or one in doubt."""
+    begin = len(words)
+    while begin > 0 and _is_unit_word(words[begin - 1]):
+        begin -= 1
+    units = words[begin:]
+    if len(units) != 1:
+        return _PRODUCTS.get(" ".join(units)) if begin > 0 else None
+    if units[0] in _ENDS_ABOVE and begin > 0:
+        return _ENDS_ABOVE[units[0]]
+    return units[0] if len(units[0]) >= _WORD_LETTERS else None
+
+
+def _is_unit_word(word: str) -> bool:
+    """Whether a word above "per" is a unit: a usual end, or one that is written out."""
+    is_written_out = len(word) >= _WORD_LETTERS and word not in _NO_UNITS and is_known(word)
+    return word in _ENDS_ABOVE or is_written_out
 
 
 def is_known(text: str) -> bool:

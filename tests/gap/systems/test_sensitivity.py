@@ -469,6 +469,8 @@ def test_a_constant_that_nobody_gave_a_unit_is_said_to_count_as_1() -> None:
     assert "without a unit, and counts as 1: half_track." in _notes(
         0.0, constants=[*Valve.constants, half]
     )
+    divided = [*Valve.constants, Constant("torque_per_a", 0.05, spread=0.01)]
+    assert "counts as 1: torque_per_a." in _notes(0.0, constants=divided)
 
 
 def test_a_state_that_runs_away_is_named() -> None:
