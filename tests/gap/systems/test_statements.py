@@ -92,6 +92,16 @@ def test_a_look_says_that_no_effect_can_be_asked_for():
     assert any("states no ports" in note for note in column_notes(model))
 
 
+def test_a_replay_looks_at_what_was_changed_since_the_last_one_and_changes_nothing() -> None:
+    """A rate below 0 after a first replay ended in an error of numpy."""
+    tank = Tank()
+    assert np.isfinite(tank.simulate(_log())["tank_pa"]).all()
+    assert "constants" not in vars(tank)
+    tank.rate_hz = -3.0
+    with pytest.raises(UnusableInput, match=r"rate_hz is -3\.0; give samples a second"):
+        tank.simulate(_log())
+
+
 @pytest.mark.parametrize(
     ("given", "meant"), [("forcast_s", "forecast_s"), ("outlier_shares", "outlier_share")]
 )

@@ -55,6 +55,15 @@ def checked(system: _System) -> _System:
     A constant whose spread is more than three times its value may be on either side of 0, up to
     four spreads away, if the functions give numbers there.
 
+    Raises UnusableInput as `require_sound` does.
+    """
+    vars(system)["constants"] = require_sound(system)
+    return system
+
+
+def require_sound(system: StateSpace) -> list[Constant]:
+    """The system's constants with their bounds; nothing of the system is changed.
+
     Raises UnusableInput by name and in one sentence for what is missing, unknown, of the wrong
     shape or not finite.
     """
@@ -63,11 +72,10 @@ def checked(system: _System) -> _System:
     check_statements(system)
     _check_ports(system)
     _check_functions(system)
-    vars(system)["constants"] = [_bounded(system, c) for c in system.constants]
-    return system
+    return [_bounded(system, c) for c in system.constants]
 
 
-def _bounded(system: _System, c: Constant) -> Constant:
+def _bounded(system: StateSpace, c: Constant) -> Constant:
     """The constant, on either side of 0 where its spread says so and the system bears it.
 
     UnusableInput for what divides, or bears no other sign for another reason, as a mass.
@@ -87,7 +95,7 @@ def _bounded(system: _System, c: Constant) -> Constant:
     )
 
 
-def _unborne(system: _System, c: Constant) -> str:
+def _unborne(system: StateSpace, c: Constant) -> str:
     """Why a constant cannot be 0, or as far to either side as it states; "" where it can."""
     for port in system.ports:
         if c.name in (port.inertia, port.friction):

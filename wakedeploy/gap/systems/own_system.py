@@ -5,14 +5,13 @@ says what such a class states and calls its functions; `files` reads one from a 
 tries it.
 """
 
-import functools
 from pathlib import Path
 from typing import Self
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import path_from
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.systems.checks import checked
+from wakedeploy.gap.systems.checks import checked, require_sound
 from wakedeploy.gap.systems.correction import read_correction
 from wakedeploy.gap.systems.system import FloatArray, StateSpace
 
@@ -66,10 +65,5 @@ class System(StateSpace):
             )
         from wakedeploy.gap.systems.simulation import simulated  # takes a second to load
 
-        assert self._is_sound
+        require_sound(self)  # each time: what it states may have been changed since
         return simulated(self, recording)
-
-    @functools.cached_property
-    def _is_sound(self) -> bool:
-        """Whether what it states fits; UnusableInput, and no error of numpy, where it does not."""
-        return checked(self) is self
