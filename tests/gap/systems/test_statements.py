@@ -92,6 +92,20 @@ def test_a_look_says_that_no_effect_can_be_asked_for():
     assert any("states no ports" in note for note in column_notes(model))
 
 
+def test_a_number_in_an_array_of_no_dimension_is_one_wherever_a_number_is_stated() -> None:
+    """Constants had taken one, and a share of outliers was said to be none."""
+    plain = {"rate_hz": 20.0, "outlier_share": 0.01, "forecast_s": 0.5}
+    sizes = {"process_noise": {"tank_pa": 10.0}, "start_spread": {"tank_pa": 5.0}}
+    arrays = {name: np.array(value) for name, value in plain.items()}
+    arrays |= {n: {"tank_pa": np.array(v["tank_pa"])} for n, v in sizes.items()}
+    models = [LogModel(checked(_with(**stated)), [_log()]) for stated in (plain | sizes, arrays)]
+    scores = [m.score((), np.array([f.neutral for f in m.free(())]), 0) for m in models]
+    assert np.array_equal(scores[0].log_density, scores[1].log_density)
+    assert models[0].horizon == models[1].horizon
+    with pytest.raises(UnusableInput, match="outlier_share is array"):
+        checked(_with(outlier_share=np.array([0.01])))
+
+
 def test_a_replay_looks_at_what_was_changed_since_the_last_one_and_changes_nothing() -> None:
     """A rate below 0 after a first replay ended in an error of numpy."""
     tank = Tank()

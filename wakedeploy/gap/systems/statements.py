@@ -123,7 +123,6 @@ def _check_numbers(system: StateSpace, stated: Input | Output | Constant) -> Non
         kind = str(each.type)
         if each.name == "delay_s" or "float" not in kind or (value is None and "None" in kind):
             continue  # a delay has a sentence of its own
-        value = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         if not _is_real(value):
             raise UnusableInput(
                 f"{system.name}: {each.name} of {type(stated).__name__}({stated.name!r}) is "
@@ -219,6 +218,8 @@ def is_unit(given: Any) -> bool:
 
 
 def _is_real(value: Any) -> bool:
+    """Whether it is one number; an array of no dimension is, as a calculation leaves one."""
+    value = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 

@@ -203,7 +203,7 @@ class Filter:
         outliers: float = 0.0,
     ) -> None:
         self.logs, self.blocks, self.starts = logs, blocks, starts
-        self.driven, self.outliers = tuple(driven), outliers
+        self.driven, self.outliers = tuple(driven), float(outliers)
         self.stretch = (1, 1)  # the samples of a stretch, and those of its readings looked at
         self._offset = np.cumsum([0, *(log.outputs.shape[1] for log in logs)])
         self._logged = np.concatenate([log.inputs for log in logs], axis=1)
