@@ -126,3 +126,38 @@ def test_a_port_that_is_taken_is_told_before_a_long_log_is_read(tmp_path):
     assert told.exit_code == 2
     assert told.stderr.startswith(f"Error: {place}: no page can be served there (Address already")
     assert "Reading the log" not in told.stderr
+
+
+def test_a_socket_at_which_a_page_is_served_is_left_to_it(tmp_path):
+    log, place = tmp_path / "flight.mcap", tmp_path / "live"
+    log.write_bytes(b"no log: reading it would say so")
+    with socket.socket(socket.AF_UNIX) as served:
+        served.bind(str(place))
+        served.listen()
+        told = CliRunner().invoke(main, ["live", str(log), "--listen", str(place)])
+        assert told.exit_code == 2
+        assert told.stderr.startswith(f"Error: {place}: no page can be served there (another is)")
+        assert told.stderr.count("\n") == 1
+        with socket.socket(socket.AF_UNIX) as visitor:
+            visitor.connect(str(place))
+
+
+def test_a_log_that_cannot_be_read_leaves_no_socket(tmp_path):
+    log, place = tmp_path / "flight.mcap", tmp_path / "live"
+    log.write_bytes(b"no log")
+    with socket.socket(socket.AF_UNIX) as killed:  # its file stays, and nobody answers there
+        killed.bind(str(place))
+    told = CliRunner().invoke(main, ["live", str(log), "--listen", str(place)])
+    assert told.exit_code == 2
+    assert str(log) in told.stderr
+    assert not place.exists()
+
+
+def test_a_file_that_is_no_socket_is_kept(tmp_path):
+    log, place = tmp_path / "flight.mcap", tmp_path / "notes"
+    log.write_bytes(b"no log")
+    place.write_text("kept")
+    told = CliRunner().invoke(main, ["live", str(log), "--listen", str(place)])
+    assert told.exit_code == 2
+    assert f"{place}: is a file, and no socket" in told.stderr
+    assert place.read_text() == "kept"

@@ -21,7 +21,7 @@ from wakedeploy.live.address import address_of, token_for
 from wakedeploy.live.export import page_of
 from wakedeploy.live.flight_data import flight_data
 from wakedeploy.live.flights import Index, reports_in
-from wakedeploy.live.web import Answer, application, bound, serve
+from wakedeploy.live.web import Answer, application, listening, serve
 
 MOST_FLIGHTS = 2  # drawn over one another
 # Requests whose flights are read: behind a long one that nobody wants any more, another.
@@ -224,12 +224,12 @@ def browse(folder: Path, listen: str, token_file: Path | None, tell: Callable[[s
     address = address_of(listen)
     token = token_for(address, token_file)
     flights = Flights(folder.resolve(), token)  # "." would not say which
-    sockets, address = bound(address)
+    with listening(address) as (sockets, there):
 
-    async def run() -> None:
-        serve(sockets, application(address, token, "browse.html", handlers(flights)))
-        flights.read_on()
-        tell(address.link(token))
-        await asyncio.Event().wait()
+        async def run() -> None:
+            serve(sockets, application(there, token, "browse.html", handlers(flights)))
+            flights.read_on()
+            tell(there.link(token))
+            await asyncio.Event().wait()
 
-    asyncio.run(run())
+        asyncio.run(run())

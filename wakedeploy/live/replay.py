@@ -27,7 +27,7 @@ from wakedeploy.live.web import (
     Refused,
     Visitor,
     application,
-    bound,
+    listening,
     serve,
 )
 from wakedeploy.rig.file import default_rig, parse_rig
@@ -158,15 +158,13 @@ def replay(
     """
     address = address_of(listen)
     token = token_for(address, token_file)
-    sockets, address = bound(address)
-    server = read()
+    with listening(address) as (sockets, there):
+        server = read()
+        handlers = [(r"/live", Visitor, {"server": server})]
 
-    async def run() -> None:
-        serve(
-            sockets,
-            application(address, token, "live.html", [(r"/live", Visitor, {"server": server})]),
-        )
-        tell(address.link(token))
-        await server.run(server.look, lambda: False)
+        async def run() -> None:
+            serve(sockets, application(there, token, "live.html", handlers))
+            tell(there.link(token))
+            await server.run(server.look, lambda: False)
 
-    asyncio.run(run())
+        asyncio.run(run())

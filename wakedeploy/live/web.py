@@ -11,8 +11,9 @@ import errno
 import json
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import tornado.httpserver
@@ -30,6 +31,7 @@ MOST_PAGES = 64
 ASK_S = 0.7  # between two times that pages are asked whether they are there
 FLUSH_S = 0.05  # twenty times a second: more is not seen
 _WRONG_TOKENS = Allowance(5.0, 10)  # answers to them, so that guessing is slow for all guessers
+_ANSWER_S = 1.0  # for a server to answer that may be there
 _LATE_S = 5.0  # for a page to say its token
 _LAG_BYTES = 64 << 10  # on the way to a page that reads slowly; what is newer waits here
 _LOOK = "look.css"  # the colours and type of reports, too
@@ -299,6 +301,7 @@ def bound(address: Address) -> tuple[list[socket.socket], Address]:
     """
     try:
         if address.path is not None:
+            _require_free(address.path)
             return [_unix(address)], address
         sockets = tornado.netutil.bind_sockets(address.port, address.host)
     except OSError as error:
@@ -314,6 +317,40 @@ def bound(address: Address) -> tuple[list[socket.socket], Address]:
 def _unix(address: Address) -> socket.socket:
     """A socket in the file system that this user alone may reach."""
     return tornado.netutil.bind_unix_socket(str(address.path), mode=0o600)
+
+
+def _require_free(path: Path) -> None:
+    """UnusableInput where somebody answers at a path, or where a file lies that is no socket.
+
+    A socket that a killed server left answers nobody, and is replaced.
+    """
+    if path.exists() and not path.is_socket():
+        raise UnusableInput(f"{path}: is a file, and no socket; name another path.")
+    with socket.socket(socket.AF_UNIX) as visitor:
+        visitor.settimeout(_ANSWER_S)
+        try:
+            visitor.connect(str(path))
+        except (TimeoutError, BlockingIOError):  # others wait there to be let in
+            pass
+        except OSError:
+            return
+    raise UnusableInput(
+        f"{path}: no page can be served there (another is); end what serves there, or name another"
+        " path."
+    )
+
+
+@contextlib.contextmanager
+def listening(address: Address) -> Iterator[tuple[list[socket.socket], Address]]:
+    """As `bound`, for as long as the block runs: then nothing listens, and no path is left."""
+    sockets, address = bound(address)
+    try:
+        yield sockets, address
+    finally:
+        for each in sockets:
+            each.close()
+        if address.path is not None:
+            address.path.unlink(missing_ok=True)
 
 
 def serve(
