@@ -180,6 +180,14 @@ def test_what_a_persons_own_function_raises_comes_out_as_it_was(
     assert told.value.filename == "mine.txt"
 
 
+def test_a_persons_own_sentence_is_not_reworded() -> None:
+    def raising(*_: object) -> None:
+        raise wd.UnusableInput("mine: give --seed and --minutes")
+
+    with pytest.raises(wd.UnusableInput, match=r"^mine: give --seed and --minutes$"):
+        wd.make_set("ship", minutes=0.2, progress=raising)
+
+
 def test_a_reference_to_fly_is_a_path_as_text_too(tmp_path: Path) -> None:
     rows = ("0,0,0,1000", "1,0,0,1000", "4,0.4,0,1000", "7,0,0,1000", "8,0,0,1000")
     csv = tmp_path / "up.csv"

@@ -324,6 +324,28 @@ def test_a_damaged_run_is_told_and_the_rest_is_scored(runs: wd.Runs, tmp_path: P
         wd.evaluate(torn.parent, echo())
 
 
+def test_a_damaged_run_counts_and_an_error_of_progress_is_none_of_a_run(
+    runs: wd.Runs, tmp_path: Path
+) -> None:
+    shutil.copytree(runs["gru"].folder.parents[1], tmp_path / "runs")
+    torn = max(tmp_path.rglob("best.safetensors"))
+    torn.write_bytes(torn.read_bytes()[:99])
+    steps: list[tuple[int, int]] = []
+
+    def progress(stage: str, done: int, total: int) -> None:
+        if stage == "Reading the runs":
+            steps.append((done, total))
+
+    wd.evaluate(tmp_path / "runs", echo(), warn=lambda _: None, progress=progress)
+    assert steps == [(1, 2), (2, 2)]
+
+    def raising(*_: object) -> None:
+        raise wd.UnusableInput("mine: --seed and --out are kept")
+
+    with pytest.raises(wd.UnusableInput, match=r"^mine: --seed and --out are kept$"):
+        wd.evaluate(tmp_path / "runs", echo(), warn=lambda _: None, progress=raising)
+
+
 def test_a_run_of_other_settings_is_told_before_any_is_trained(
     session: Path, runs: wd.Runs
 ) -> None:

@@ -14,7 +14,7 @@ from typing import Any, ParamSpec, TypeVar, get_args
 
 import numpy as np
 
-from wakedeploy.core.errors import UnusableInput, WakedeployError, callers, own_errors
+from wakedeploy.core.errors import UnusableInput, WakedeployError, callers, is_callers, own_errors
 from wakedeploy.core.names import near
 
 P = ParamSpec("P")
@@ -100,7 +100,8 @@ def in_python(function: Callable[P, R]) -> Callable[P, R]:
             with own_errors():
                 return function(*args, **kwargs)
         except WakedeployError as error:
-            error.args = (_reworded(str(error), known), *error.args[1:])
+            if not is_callers(error):
+                error.args = (_reworded(str(error), known), *error.args[1:])
             raise
 
     return named

@@ -4,7 +4,7 @@ In: runs, packages, folders of C, or where they lie. Out: contenders, which know
 what they learned from, and their forces over a tape of episodes.
 """
 
-import itertools
+import functools
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
@@ -118,24 +118,31 @@ def _at(
     if packages:
         return _usable(packages, package, warn)
     folders = _that_fit(finished_runs(root), data, place, warn)
-    numbers = itertools.count(1)
 
     def run(folder: Path) -> Contender:
-        found = of_run(load_run(folder))
-        progress("Reading the runs", next(numbers), len(folders))
-        return found
+        return of_run(load_run(folder))
 
-    return _usable(folders, run, warn)
+    return _usable(folders, run, warn, functools.partial(progress, "Reading the runs"))
 
 
-def _usable(paths: Sequence[Path], read: Callable[[Path], Read], warn: Warn) -> list[Read]:
-    """What `read` makes of each path; one that is refused is told, and is an error if all are."""
+def _usable(
+    paths: Sequence[Path],
+    read: Callable[[Path], Read],
+    warn: Warn,
+    steps: Callable[[int, int], None] | None = None,
+) -> list[Read]:
+    """What `read` makes of each path; one that is refused is told, and is an error if all are.
+
+    `steps(done, total)` is called after each path, also after one that is refused.
+    """
     found, refused = [], []
-    for path in paths:
+    for number, path in enumerate(paths, 1):
         try:
             found.append(read(path))
         except UnusableInput as error:
             refused.append(error)
+        if steps is not None:  # not in the try: what a person's function raises is no damaged run
+            steps(number, len(paths))
     if not found:
         raise refused[0]
     for why in refused:

@@ -98,7 +98,7 @@ def own_errors() -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if not error.strerror or error.errno == errno.EPIPE or hasattr(error, _CALLERS):
+        if not error.strerror or error.errno == errno.EPIPE or is_callers(error):
             raise
         kind = UnusableInput if is_unusable(error) else WakedeployError
         raise kind(system_sentence(error)) from error
@@ -111,11 +111,16 @@ def callers(function: Callable[P, R]) -> Callable[P, R]:
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
             return function(*args, **kwargs)
-        except OSError as error:
-            setattr(error, _CALLERS, True)
+        except Exception as error:
+            error.__dict__[_CALLERS] = True  # also where a class of theirs lets nobody set it
             raise
 
     return called
+
+
+def is_callers(error: BaseException) -> bool:
+    """Whether an error was raised by a function of a caller's, called as `callers` returns it."""
+    return hasattr(error, _CALLERS)
 
 
 def why(error: BaseException) -> str:
