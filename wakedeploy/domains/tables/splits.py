@@ -7,6 +7,7 @@ recording is in two splits unless the splits are stretches of time.
 import fnmatch
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,12 @@ from wakedeploy.domains.split import split_in_order
 from wakedeploy.domains.tables.columns import Columns
 from wakedeploy.domains.tables.reading import without_ending
 
-_HELD_OUT = 0.15  # of each recording, for validation and for test
+_HELD_OUT = 0.15  # of each trial, for validation and for test
 _MOST_NAMED = 6  # logs in a sentence
 
 Piece = tuple[str, str, Recording]  # split, name, samples
 Pieces = list[Piece]
+Parts = Sequence[Recording]
 ByFile = Mapping[Path, tuple[Recording, ...]]
 
 
@@ -40,7 +42,10 @@ def split_pieces(recordings: ByFile, columns: Columns) -> Pieces:
         if path in by_file:
             found += [(by_file[path], recording.name, recording) for recording in parts]
         else:
-            found += _cut_by_time(parts, drawn)
+            found += _cut_by_time(parts, drawn, columns)
+    cut = [parts for path, parts in recordings.items() if path not in by_file]
+    if cut and {split for split, _, _ in found} != set(SPLITS):
+        raise _too_short(cut[0])
     return found
 
 
@@ -125,21 +130,49 @@ def _too_few(paths: Sequence[Path], splits: Sequence[str]) -> UnusableInput:
     )
 
 
-def _cut_by_time(parts: Sequence[Recording], splits: Sequence[str]) -> Iterator[Piece]:
+def _cut_by_time(parts: Parts, splits: Sequence[str], columns: Columns) -> Iterator[Piece]:
     """The recordings of a log in stretches: training first, then 15 % of it for each other split.
 
-    Its samples are counted through all of its recordings: where readings are missing often, each is
-    short. UnusableInput where a split has fewer than two samples.
+    Each trial in a log is cut by itself, as its end is an end of what was done. Where a stretch of
+    it would be no longer than the window, it is cut with all others that are so short.
+    UnusableInput where a split has fewer than two samples.
     """
+    if min(np.diff(_marks(parts, splits))) < 2:
+        raise _too_short(parts)
+    fewest = _fewest(columns.training.window_s, parts[0].rate_hz)
+    short: list[Recording] = []
+    for trial in _trials(parts, columns.split.gap_s):
+        if min(np.diff(_marks(trial, splits))) >= fewest:
+            yield from _stretches(trial, splits)
+        else:
+            short += trial
+    yield from _stretches(short, splits)
+
+
+def _trials(parts: Parts, gap_s: float | None) -> list[list[Recording]]:
+    """The recordings of a log by trial: another begins where the clock falls, or after `gap_s`.
+
+    Missing readings end a recording and no trial.
+    """
+    found = [[parts[0]]]
+    for before, recording in pairwise(parts):
+        silence_s = recording.time_s[0] - before.time_s[-1]
+        if silence_s < 0.0 or (gap_s is not None and silence_s > gap_s):
+            found.append([])
+        found[-1].append(recording)
+    return found
+
+
+def _marks(parts: Parts, splits: Sequence[str]) -> list[int]:
+    """Where splits begin and end, in samples that are counted through all of the recordings."""
     samples = sum(len(recording.time_s) for recording in parts)
     ends = [1.0 - _HELD_OUT * (len(splits) - place) for place in range(1, len(splits) + 1)]
-    marks = [0, *(round(end * samples) for end in ends)]
-    if min(np.diff(marks)) < 2:
-        raise UnusableInput(
-            f"{parts[0].name}: has {samples} samples, too few to cut into splits; give a longer"
-            ' log, or held_out = "files".'
-        )
-    first = 0
+    return [0, *(round(end * samples) for end in ends)]
+
+
+def _stretches(parts: Parts, splits: Sequence[str]) -> Iterator[Piece]:
+    """Recordings that are cut as one; a stretch of a single sample is left out."""
+    marks, first = _marks(parts, splits), 0
     for recording in parts:
         after = first + len(recording.time_s)
         for split, low, high in zip(splits, marks, marks[1:], strict=False):
@@ -149,6 +182,14 @@ def _cut_by_time(parts: Sequence[Recording], splits: Sequence[str]) -> Iterator[
         first = after
 
 
+def _too_short(parts: Parts) -> UnusableInput:
+    samples = sum(len(recording.time_s) for recording in parts)
+    return UnusableInput(
+        f"{parts[0].name}: has {samples} samples, too few to cut into splits; give a longer"
+        ' log, or held_out = "files".'
+    )
+
+
 def _cut(recording: Recording, part: slice) -> Recording:
     columns = {name: values[part] for name, values in recording.columns.items()}
     return replace(recording, time_s=recording.time_s[part], columns=columns)
@@ -156,7 +197,7 @@ def _cut(recording: Recording, part: slice) -> Recording:
 
 def long_enough(pieces: Pieces, window_s: float, rate_hz: float) -> Pieces:
     """The pieces that are longer than the window; UnusableInput where a split has none."""
-    fewest = window_s * rate_hz + 2
+    fewest = _fewest(window_s, rate_hz)
     kept = [piece for piece in pieces if len(piece[2].time_s) >= fewest]
     for split in SPLITS:
         if any(has == split for has, _, _ in kept):
@@ -171,3 +212,8 @@ def long_enough(pieces: Pieces, window_s: float, rate_hz: float) -> Pieces:
             " longer logs, a shorter window_s, or another split in [training]."
         )
     return kept
+
+
+def _fewest(window_s: float, rate_hz: float) -> float:
+    """Samples of a piece that is longer than the window."""
+    return window_s * rate_hz + 2
