@@ -428,3 +428,15 @@ def test_an_episode_has_a_name_and_a_sample() -> None:
         Episode(3, some, some)
     with pytest.raises(ValueError, match=r"^episode .a.: observation has 0 samples; leave such"):
         Episode("a", none, none)
+
+
+def test_numbers_that_numpy_holds_are_numbers(tmp_path: Path) -> None:
+    of_arrays = {"rate_hz": np.array(50.0), "window_s": np.float32(0.5)}
+    for weights in (np.array([2.0]), np.array([2]), (np.array(2.0),), [np.float32(2.0)]):
+        made = replace(small_set(), **of_arrays, loss_weights=weights)
+        made.write(tmp_path)
+        assert EpisodeSet.read(tmp_path).loss_weights == (2.0,)
+        assert "at 50 Hz" in repr(made)
+    for strange in (np.array(2.0), np.array(["2.0"]), np.array([[2.0]])):
+        with pytest.raises(ValueError, match=r"loss_weights = .*: give a tuple of numbers"):
+            replace(small_set(), loss_weights=strange)

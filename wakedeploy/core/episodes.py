@@ -137,6 +137,8 @@ class EpisodeSet:
     folder: Path | None = None
 
     def __post_init__(self) -> None:
+        for label in ("rate_hz", "window_s", "loss_weights"):
+            object.__setattr__(self, label, _plain(getattr(self, label)))
         _check_kinds(self)
         _check_description(self)
         for episode in self.episodes:
@@ -271,6 +273,13 @@ def _check_array(
     if not np.isfinite(array).all():
         first = np.argwhere(~np.isfinite(array))[0]
         raise ValueError(f"{name} is not finite at sample {first[0]}; leave such samples out")
+
+
+def _plain(given: Any) -> Any:
+    """Numbers that numpy holds in arrays, as Python's own; whatever else was given as it is."""
+    if isinstance(given, np.ndarray):
+        return given.item() if given.ndim == 0 else _plain(given.tolist())
+    return tuple(map(_plain, given)) if isinstance(given, tuple | list) else given
 
 
 def _check_kinds(made: EpisodeSet) -> None:
