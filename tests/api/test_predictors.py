@@ -85,6 +85,33 @@ def test_a_row_of_a_frame_is_stepped_by_its_names(predictor: wd.Predictor) -> No
         predictor.step(frame.iloc[0][["t_s", names[0]]])
 
 
+def test_a_tuple_with_names_is_stepped_by_them(predictor: wd.Predictor) -> None:
+    pandas = pytest.importorskip("pandas")
+    series = observations(predictor, 6)
+    names = [channel.name for channel in predictor.manifest.observation]
+    frame = pandas.DataFrame(series, columns=names)[[*reversed(names)]]
+    told = predictor.predict(series)
+    for has_index in (False, True):
+        stepped = [predictor.step(row) for row in frame.itertuples(index=has_index)]
+        np.testing.assert_array_equal(np.stack(stepped), told)
+        predictor.reset()
+    (first, *_) = pandas.DataFrame(series).itertuples(index=False)  # without names it is in order
+    np.testing.assert_array_equal(predictor.step(first), told[0])
+    (first, *_) = frame.drop(columns=names[0]).itertuples(index=False)
+    with pytest.raises(wd.UnusableInput, match=f"^The observation has no {names[0]}; give"):
+        predictor.step(first)
+
+
+def test_two_columns_of_one_name_are_refused(predictor: wd.Predictor) -> None:
+    pandas = pytest.importorskip("pandas")
+    names = [channel.name for channel in predictor.manifest.observation]
+    frame = pandas.DataFrame(np.zeros((4, len(names) + 1)), columns=[*names, names[0]])
+    with pytest.raises(wd.UnusableInput, match=f"^The observation has {names[0]} 2 times; leave"):
+        predictor.step(frame.iloc[0])
+    with pytest.raises(wd.UnusableInput, match=f"have column {names[0]} 2 times; leave all but"):
+        predictor.predict(frame)
+
+
 def test_nothing_gives_nothing_and_another_shape_is_refused(predictor: wd.Predictor) -> None:
     inputs, outputs = len(predictor.manifest.observation), len(predictor.manifest.force)
     with pytest.raises(wd.UnusableInput, match=rf"shape \({inputs + 1},\)"):

@@ -1,5 +1,6 @@
 """Observations as a caller gives them: a predictor's channels in order, and in their ranges."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
 
 _REAL = "fiub"  # kinds of arrays that hold real numbers
 _NUMBERS = (bool, int, float, np.bool_, np.integer, np.floating)  # as objects of Python
+_COUNTED = re.compile(r"(_[0-9]+|Index)")
 _BEYOND = 0.25  # of a range's width on either side: also ±3 m/s, read as ±5.8 kn, is outside
 _ALIKE = 1e-3  # of a range's larger end: what is rounded otherwise is no other value
 _SHARE = 0.05  # of the values that may lie further out
@@ -30,6 +32,7 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
             raise UnusableInput(
                 f"The observations have no column {', '.join(missing)}; give {', '.join(names)}."
             )
+        _require_once(names, list(observations.columns), "The observations have column")
     try:
         if hasattr(observations, "columns"):  # each has a type of its own
             columns = [real_numbers(observations[name]) for name in names]  # type: ignore[index]
@@ -53,12 +56,10 @@ def in_order(observation: npt.ArrayLike, channels: Sequence[Quantity]) -> npt.Ar
     """One observation in the channels' order: a row of a DataFrame is taken by its names.
 
     Whatever has no names is left as it is, also what cannot be used. Raises UnusableInput for a row
-    that lacks a channel.
+    that lacks a channel or has two of one name.
     """
     row: Any = observation
-    labels = getattr(row, "index", None)  # which a list has, too, to call
-    if labels is None or callable(labels) or hasattr(row, "columns"):
-        return observation
+    labels = _labels(row)
     if not any(isinstance(label, str) for label in labels):
         return observation
     names = [channel.name for channel in channels]
@@ -67,7 +68,25 @@ def in_order(observation: npt.ArrayLike, channels: Sequence[Quantity]) -> npt.Ar
         raise UnusableInput(
             f"The observation has no {', '.join(missing)}; give {', '.join(names)}."
         )
-    return [row[name] for name in names]
+    _require_once(names, labels, "The observation has")
+    return [row[labels.index(name)] if isinstance(row, tuple) else row[name] for name in names]
+
+
+def _labels(row: Any) -> list[object]:
+    """What the values of a row are called, as `iterrows` and `itertuples` give it; or nothing."""
+    if isinstance(row, tuple):
+        fields = list(getattr(row, "_fields", ()))
+        # Where columns have no names, pandas counts them: _0, _1.
+        return [] if all(_COUNTED.fullmatch(field) for field in fields) else fields
+    labels = getattr(row, "index", None)  # which a list has, too, to call
+    return [] if labels is None or callable(labels) or hasattr(row, "columns") else list(labels)
+
+
+def _require_once(names: Sequence[str], labels: Sequence[object], has: str) -> None:
+    """UnusableInput where two values or columns have the name of one channel."""
+    for name in names:
+        if (count := labels.count(name)) > 1:
+            raise UnusableInput(f"{has} {name} {count} times; leave all but one out.")
 
 
 def real_numbers(given: npt.ArrayLike) -> npt.NDArray[np.generic]:
