@@ -165,6 +165,10 @@ def test_what_is_no_package_is_told_with_what_to_give(packages, tmp_path, monkey
             (file, "pi@rig"),
             "is a file, and the target comes first: `wakedeploy deploy pi@rig first",
         ),
+        (
+            (file, "ssh://pi@rig:2222"),
+            "is a file, and the target comes first: `wakedeploy deploy ssh://pi@rig:2222 first",
+        ),
         (("pi@rig", "runs/gru"), "make a package of it by `wakedeploy export --run runs/gru`"),
         (("pi@rig", "runs"), "runs: a folder with no C source"),
         (("pi@rig", file, "-F", "gone.cfg"), "pi@rig: ssh cannot open the file of -F; give one"),
@@ -173,6 +177,17 @@ def test_what_is_no_package_is_told_with_what_to_give(packages, tmp_path, monkey
         assert told.exit_code == 2
         assert says in told.stderr
         assert "copy a folder of C" not in told.stderr
+
+
+@pytest.mark.parametrize("mistyped", ["nope.onnx", "p/nope"])
+def test_a_host_that_is_called_as_a_file_is_a_target(mistyped, packages, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("rigfile").touch()
+    for host in ("rigfile", packages("first.onnx").name):
+        told = CliRunner().invoke(main, ["deploy", host, mistyped])
+        assert told.exit_code == 2
+        assert told.stderr.startswith(f"Error: {mistyped}: ")
+        assert "comes first" not in told.stderr
 
 
 def test_a_broken_package_never_leaves(rig, packages, tmp_path):

@@ -1,5 +1,6 @@
 """`wakedeploy deploy`: a package onto the computer at the rig, and back to the one before."""
 
+import re
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,9 +55,8 @@ def command(
     """
     if (package is None) != rollback:
         raise UnusableInput("Say what to do: either deploy a PACKAGE, or go back with --rollback.")
-    if package is not None and not package.exists() and Path(target).is_file():
-        swapped = shlex.join(["wakedeploy", "deploy", str(package), target])
-        raise UnusableInput(f"{target}: is a file, and the target comes first: `{swapped}`.")
+    if package is not None:
+        _require_target_first(target, package)
     from wakedeploy.deploy.remote import Remote
     from wakedeploy.deploy.site import Site
 
@@ -73,6 +73,19 @@ def command(
         raise UnusableInput(_by_hand(package, site))
     else:
         _deploy(site, package)
+
+
+def _require_target_first(target: str, package: Path) -> None:
+    """UnusableInput where a package stands first, and after it what ssh could take.
+
+    A host may be called as a file is that lies here: then the package may only be mistyped.
+    """
+    is_package = Path(target).suffix == ".onnx" and Path(target).is_file()
+    other = re.sub("^ssh:/(?!/)", "ssh://", str(package))  # of two slashes a path keeps one
+    is_path = package.suffix == ".onnx" or ("/" in other and not other.startswith("ssh://"))
+    if is_package and not is_path and not package.exists():
+        swapped = shlex.join(["wakedeploy", "deploy", other, target])
+        raise UnusableInput(f"{target}: is a file, and the target comes first: `{swapped}`.")
 
 
 def _by_hand(folder: Path, site: "Site") -> str:
