@@ -27,6 +27,9 @@ def choose_device(asked: str, predictor: Predictor, settings: FitSettings) -> st
     `asked` is "auto", "cpu" or "cuda"; the answer is "cpu" or "cuda".
     Raises UnusableInput where CUDA is asked for and torch does not see it.
     """
+    if not isinstance(asked, str):  # as a torch.device, which is not equal to its name
+        kind = type(asked).__name__
+        raise UnusableInput(f"device is a {kind}; give text: {', '.join(DEVICES)}.")
     if asked not in DEVICES:
         raise UnusableInput(f"There is no device '{asked}'; choose {', '.join(DEVICES)}.")
     if asked == "cuda":

@@ -68,6 +68,14 @@ def test_without_a_gpu_everything_is_done_on_the_cpu_and_says_so(
     assert run.metrics.device == "cpu"
 
 
+@pytest.mark.parametrize("device", [Path("cpu"), torch.device("cpu"), 3])
+def test_a_device_that_is_no_text_is_told_by_its_kind(device: object, echo: EpisodeSet) -> None:
+    predictor = new_predictor(configure(echo, "gru", seed=0, lead_s=0.0))
+    kind = type(device).__name__
+    with pytest.raises(UnusableInput, match=f"^device is a {kind}; give text: auto, cpu, cuda"):
+        choose_device(device, predictor, FitSettings())
+
+
 def test_a_run_of_before_there_was_a_choice_is_read(echo: EpisodeSet, tmp_path: Path) -> None:
     config = configure(echo, "agile-mlp", seed=0, lead_s=0.0, settings=FitSettings(epochs=1))
     path = train(config, echo, tmp_path).folder / METRICS
