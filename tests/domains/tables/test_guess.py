@@ -219,6 +219,9 @@ def test_a_name_that_says_its_unit_keeps_it(tmp_path: Path) -> None:
         ("Temp [degC]", "temp_k", "K", None),
         ("Stellgröße [mN]", "stellgrosse_mn", "mN", "mN"),
         ("Tête é [mN]", "tete_e_mn", "mN", "mN"),
+        ("Størrelse [mN]", "storrelse_mn", "mN", "mN"),
+        ("Siła [mN]", "sila_mn", "mN", "mN"),
+        ("Đường Œuvre Ære Ǿ [mN]", "duong_oeuvre_aere_o_mn", "mN", "mN"),
     ],
 )
 def test_a_column_keeps_the_unit_that_its_name_ends_in(

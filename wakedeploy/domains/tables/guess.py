@@ -89,6 +89,8 @@ _UNITS_BY_NAME = (  # the end of a name, or a word in it
 )  # fmt: skip
 
 
+# Letters that Unicode takes for no letter with a mark, small ones.
+_WHOLE = str.maketrans({"ø": "o", "ł": "l", "đ": "d", "æ": "ae", "œ": "oe", "ı": "i"})
 _CELSIUS = re.compile(r"(?<![a-z])(°|deg_?)c(?![a-z])|celsius", re.I)
 
 
@@ -671,10 +673,10 @@ def _is_in_celsius(field: Field) -> bool:
 
 
 def _name(address: str, taken: set[str]) -> str:
-    """A name of letters, digits and _ that no other column has; of `ö` the o, of `ß` ss."""
+    """A name of letters, digits and _ that no other column has; of `ö` and `ø` the o, of `ß` ss."""
     bare = re.sub(r"\s*\([^()]*\)\s*$", "", address).casefold()
     parted = unicodedata.normalize("NFKD", bare)
-    letters = "".join(c for c in parted if not unicodedata.combining(c))
+    letters = "".join(c for c in parted if not unicodedata.combining(c)).translate(_WHOLE)
     plain = re.sub(r"[^a-z0-9]+", "_", letters).strip("_") or "column"
     plain = plain if plain[0].isalpha() else f"column_{plain}"
     name, count = plain[:60].rstrip("_"), 2
