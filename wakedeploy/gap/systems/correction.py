@@ -156,7 +156,7 @@ def read_correction(path: Path, system: str) -> Correction:
         if not {"system", "sizes"} & table.keys():  # as of a columns.toml
             raise UnusableInput(
                 f"{path} is no correction; give the correction.toml that `gap close` or `gap add` "
-                "wrote into its --out."
+                "wrote for this system into its --out."
             )
         document = Document.model_validate(table)
     except pydantic.ValidationError as error:

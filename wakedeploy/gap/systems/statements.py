@@ -56,7 +56,7 @@ def check_statements(system: StateSpace) -> None:
         _check_numbers(system, each)
     if not system.states or not system.outputs:
         raise UnusableInput(f"{system.name}: at least one state and one output are needed.")
-    if system.has_step == hasattr(system, "derivative"):
+    if system.has_step == callable(getattr(system, "derivative", None)):
         which = "both" if system.has_step else "neither"
         raise UnusableInput(
             f"{system.name} has {which} of `derivative` and `step`; write one of them."

@@ -54,10 +54,10 @@ def outweighs(answer: Answer) -> Leftover | None:
     does: the push has to be more than these parts, too. None where constants say so already,
     and where forecasts show that the equations are wrong.
     """
-    if answer.moved or answer.is_outdone:
+    larger = [p for p in _by_share(answer) if min(p.share, p.of_parts) > _ALL_OF_IT]
+    if not larger or answer.moved or answer.is_outdone:
         return None
-    larger = (p for p in _by_share(answer) if min(p.share, p.of_parts) > _ALL_OF_IT)
-    return next(larger, None)
+    return larger[0]
 
 
 def units_first(answer: Answer) -> str:
