@@ -46,7 +46,7 @@ def told_of(joint: str, out: Path) -> dict[str, Any]:
     """Everything about one joint, as plain numbers."""
     began_s = time.process_time()
     system = read_system(EXAMPLES / "so101.py")
-    trained = [_begun(_recording(system, joint, name)) for name in TRAINED]
+    trained = [begun(recording_of(system, joint, name)) for name in TRAINED]
     model = LogModel(system, trained)
     base = fitted_base(model)
     answer = named(model, base)
@@ -119,7 +119,7 @@ def _shown(
     of, motion, start, stop = SHOWN
     if joint != of:
         return {}
-    recording = _recording(system, joint, motion)
+    recording = recording_of(system, joint, motion)
     series = {
         "time_s": recording.time_s,
         "command": recording.columns["command_rad"],
@@ -130,7 +130,7 @@ def _shown(
     return {n: [round(float(v), 5) for v in values[start:stop]] for n, values in series.items()}
 
 
-def _begun(recording: Recording) -> Recording:
+def begun(recording: Recording) -> Recording:
     """Its first minute."""
     columns = {name: values[:_MINUTE] for name, values in recording.columns.items()}
     return Recording(recording.name, recording.time_s[:_MINUTE], columns)
@@ -139,13 +139,13 @@ def _begun(recording: Recording) -> Recording:
 def _unseen(system: System, joint: str) -> list[Recording]:
     """Motions that took no part in the search and move the joint."""
     names = sorted(p.stem for p in (recordings_folder() / "so101").glob("*.npz"))
-    read = [_recording(system, joint, name) for name in names if name not in TRAINED]
+    read = [recording_of(system, joint, name) for name in names if name not in TRAINED]
     return [
         recording for recording in read if np.std(recording.columns["command_rad"]) > _STILL_RAD
     ]
 
 
-def _recording(system: System, joint: str, motion: str) -> Recording:
+def recording_of(system: System, joint: str, motion: str) -> Recording:
     units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
     columns = read_columns(EXAMPLES / f"so101_{joint}.toml")
     (recording,) = read_recordings(

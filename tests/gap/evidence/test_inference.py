@@ -89,6 +89,43 @@ def test_a_fit_follows_a_narrow_ridge_to_its_top() -> None:
     )
 
 
+class Forecasting(Hovering):
+    """The same with forecasts, which err as far as the mass is from a true one.
+
+    Two readings of the mass turn while they shrink along a spiral, so that a straight line promises
+    a small part of what there is to gain.
+    """
+
+    def __init__(self, true_kg: float) -> None:
+        super().__init__()
+        self.true_kg = true_kg
+
+    def free(self, hypothesis):
+        mass, error = super().free(hypothesis)
+        return replace(mass, prior_sd=1.0), error
+
+    def score(self, hypothesis, theta, episode):
+        away = (theta[0] - 0.5) / 0.01
+        turned = 0.3 * away * np.array([np.cos(0.3 * away), np.sin(0.3 * away)])
+        scored = super().score(hypothesis, theta, episode)
+        rest = np.append(scored.innovation, turned)
+        density = np.append(scored.log_density, norm.logpdf(turned))
+        return Score(density, rest, np.append(scored.variance, [1.0, 1.0]), np.ones(len(rest)))
+
+    def disagreements(self, fitted, episodes):
+        return [np.full((1, 60), fitted.value("mass") - self.true_kg) for _ in episodes]
+
+
+@pytest.mark.parametrize("true_kg", [0.5, 0.7])
+def test_a_fit_goes_along_a_ridge_unless_forecasts_get_worse(true_kg: float) -> None:
+    """Where they do it has left the ridge for another summit: a servo was said to hardly move."""
+    model = Forecasting(true_kg)
+    begun = fit(model, ("gain",), EVERY, np.array([0.7, -0.16]))
+    fitted, still = settled(model, begun)
+    assert still
+    assert fitted.value("mass") == pytest.approx(true_kg, abs=0.02)
+
+
 class Breaking(Hovering):
     """The same, but that readings beside the ridge are none."""
 

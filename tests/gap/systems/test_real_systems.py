@@ -6,17 +6,24 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from benchmarks import so101
 from benchmarks.real_systems.answering import recordings_of, system_of
 from benchmarks.real_systems.cases import CASES
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import fit, settled
+from wakedeploy.gap.progress import quiet
+from wakedeploy.gap.search.comparison import theta_from
 from wakedeploy.gap.search.first_look import Ground, looks
 from wakedeploy.gap.search.judging import fitted_base, named
-from wakedeploy.gap.search.outcome import verdict_of
+from wakedeploy.gap.search.outcome import Named, verdict_of
 from wakedeploy.gap.search.results import before_after
+from wakedeploy.gap.search.rounds import with_one_more
 from wakedeploy.gap.search.scan import ranked
+from wakedeploy.gap.search.weighing import crossed, weight_of
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 
+LOGS = so101.TRAINED
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
 
 
@@ -67,6 +74,37 @@ def test_a_backlash_is_found_where_bent_constants_let_no_size_promise_anything(r
     ranking, chance = ranked(model, base, list(model.effects))
     assert ranking[0].name == "backlash@command_rad"
     assert ranking[0].gain_nats > 3.0 * chance.nats
+
+
+@pytest.mark.slow
+def test_a_weight_that_friction_holds_is_named_and_the_servo_stays_quick(recordings):
+    """Another summit explains each reading better: a servo ten times as weak, pushed about."""
+    recordings("so101")
+    system = read_system(EXAMPLES / "so101.py")
+    model = LogModel(system, [so101.begun(so101.recording_of(system, "elbow", n)) for n in LOGS])
+    found = named(model, fitted_base(model)).found
+    assert found.hypothesis == ("coulomb-friction@speed_radps", "offset@speed_radps")
+    # The servo comes near its aim in a tenth of a second: step answers of the other motions show.
+    assert 250.0 < found.value("constant.stiffness_per_s2") < 1500.0
+
+
+@pytest.mark.slow
+def test_a_weight_is_named_beside_the_friction_that_takes_it_up_in_each_block_but_one(recordings):
+    """It gains 39 nats, nearly all in one block, and removes six sevenths of what forecasts err."""
+    recordings("so101")
+    system = read_system(EXAMPLES / "so101.py")
+    model = LogModel(system, [so101.begun(so101.recording_of(system, "pitch", n)) for n in LOGS])
+    base, friction = fitted_base(model), ("pre-sliding-friction@speed_radps",)
+    start = theta_from(model, friction, base)
+    start[-2:] = 15.0, 0.015  # rad/s2 and rad, about where it is
+    found = settled(model, fit(model, friction, base.episodes, start))[0]
+    weights = {friction[0]: weight_of(crossed(model, base), crossed(model, found))}
+    further = with_one_more(model, Named(model, base, found, [], weights=weights), quiet)
+    assert further is not None
+    (weight,) = set(further.found.hypothesis) - {*friction}
+    assert weight in ("bias@command_rad", "offset@speed_radps", "sensor-bias@angle_rad")
+    assert further.weights[weight].low > 0.5
+    assert further.rounds[0].ranking[0].name != weight  # others gain more nats, and remove less
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ _IMPLAUSIBLE = 2.0  # times what an episode gains: a parabola that loses more is
 _MUCH_NATS = 10.0  # the least gain that this counts from
 _RISEN_NATS, _MOST_REFITS = 0.1, 4  # a smaller rise ends the repeats of a fit; how many there are
 _ON_RIDGE_NATS = 1.0  # what slopes promise where a climb has stopped on its way
+_WORSE = 1.1  # times the squared error of forecasts that there was: the way was not a ridge's
 _AT_REST_SD = 0.1  # a size that a repeated fit moves by less has come to rest
 
 
@@ -64,15 +65,36 @@ def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
     They have if it no longer rises, or if the rise moves no size against its standard error: noise
     may creep on for long, and how far it gets depends on how a processor rounds. Where nothing
     rises any more and slopes promise something all the same, a fit is on a ridge, and goes along
-    it: a constant that has bent to what is missing comes back beside it.
+    it: a constant that has bent to what is missing comes back beside it. It stays where it is if
+    the way rises more than promised, and forecasts get worse: it then leads to another summit, as
+    that at which strong short pushes move a servo that its command hardly moves.
     """
     fitted, is_at_rest = _repeated(model, fitted)
-    if is_at_rest and promised_nats(fitted) > _ON_RIDGE_NATS:
+    promised = promised_nats(fitted) if is_at_rest else 0.0
+    if promised > _ON_RIDGE_NATS:
         free, episodes = fitted.free, fitted.episodes
         ridge = Ascent(model, fitted.hypothesis, free, episodes, None, -np.inf, ENOUGH_NATS)
-        fitted = ridge.along_ridge(fitted.theta)
-        return fitted, fitted.converged
+        farther = ridge.along_ridge(fitted.theta)
+        is_along = farther.objective - fitted.objective <= promised
+        if is_along or not _forecasts_get_worse(model, fitted, farther):
+            return farther, farther.converged
     return fitted, is_at_rest
+
+
+def _forecasts_get_worse(model: Model, before: Fit, after: Fit) -> bool:
+    """Whether squared errors of forecasts rise, on average over channels; never of one reading.
+
+    A model with a method `disagreements` forecasts: it says what a fit predicts wrongly.
+    """
+    disagreements = getattr(model, "disagreements", None)
+    if disagreements is None:
+        return False
+    was, now = (
+        np.nansum(np.square(np.concatenate(disagreements(f, f.episodes), axis=1)), axis=1)
+        for f in (before, after)
+    )
+    erring = was > 0.0
+    return bool(np.any(erring) and np.mean(now[erring] / was[erring]) > _WORSE)
 
 
 def _repeated(model: Model, fitted: Fit) -> tuple[Fit, bool]:
