@@ -146,6 +146,7 @@ def _unseen(system: System, joint: str) -> list[Recording]:
 
 
 def recording_of(system: System, joint: str, motion: str) -> Recording:
+    """A joint's commands and angles in a motion."""
     units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
     columns = read_columns(EXAMPLES / f"so101_{joint}.toml")
     (recording,) = read_recordings(
