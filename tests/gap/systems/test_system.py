@@ -13,6 +13,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.files import read_plain, read_system
+from wakedeploy.gap.systems.likelihood.always_free import constants
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.imagined import imagined
 from wakedeploy.gap.systems.sensitivity import column_notes
@@ -320,7 +321,7 @@ def test_an_offset_near_zero_may_turn(bounds):
     """As far as it says, or as its spread does: four of them to each side."""
     offset = Constant("buoyancy_n", -0.5, spread=2.0, **bounds)
     mass = Constant("mass_kg", 2.0)
-    (free,) = LogModel(checked(_with(constants=[mass, offset])), [_recording()])._constants()
+    (free,) = constants(checked(_with(constants=[mass, offset])))
     assert (free.low, free.high, free.step) == (-8.5, 7.5, 0.04)
     assert free.neutral == -0.5
 

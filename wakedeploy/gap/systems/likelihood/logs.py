@@ -20,8 +20,15 @@ from wakedeploy.gap.evidence.fits import Fit, FloatArray, Free, Hypothesis, Scor
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Leftover, Measured, Quantity
 from wakedeploy.gap.search.comparison import ComparisonDefaults, Record
-from wakedeploy.gap.systems.kinds.library import Effect, held_by, offered, ports_alike, rate_unit
-from wakedeploy.gap.systems.likelihood.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
+from wakedeploy.gap.systems.kinds.library import Effect, held_by, offered, ports_alike
+from wakedeploy.gap.systems.likelihood.always_free import (
+    clocks,
+    constants,
+    form,
+    pushes,
+    sensor_noise,
+)
+from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.blocks import Block, blocks_of, logs_of, pieces_of
 from wakedeploy.gap.systems.likelihood.clocks import (
     late_by_a_row,
@@ -36,26 +43,19 @@ from wakedeploy.gap.systems.likelihood.leftover import leftovers
 from wakedeploy.gap.systems.likelihood.strays import without_strays
 from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.likelihood.unshown_constants import unshown
+from wakedeploy.gap.systems.likelihood.usual_sizes import usual_sizes
 from wakedeploy.gap.systems.system import Point, StateSpace
 
 _TOGETHER = 15000  # samples times effects that are looked at in one run
 # Pieces times parameter sets up to which a step of the filter costs at most twice that of one.
 _LANES_AT_ONCE = 300
 _SEARCHED = 24000  # samples times states that a search looks at
-_TRIFLE = 0.02  # of a usual size
-_USUAL = 0.98  # quantile of what is usual
-_ENDS = 0.995  # the same for how far a state goes: one stray reading is no end of it
 _FEW = 3  # samples between readings, from which readings are few
 _STILL = 0.02  # of its usual size: an output that changes no more rests
 _IN_NOISE = 6.0  # median changes from one reading to the next: white noise spans some four
 _WITHOUT_STRAYS = 0.02, 0.98  # quantiles
 _FEWEST_MOVING = 4  # blocks, one of which can confirm what three show
-_LN_SD = 2.0
 _SHIFTED = 0.1  # of a sample, by which an input acts late: less is next to nothing
-# ln sd by which a sensor may be better than stated or guessed: a filter that trusts a sensor
-# without limit takes the moment within a sample at which a force turned for a force.
-_BETTER, _MUCH_BETTER = 1.0, 6.0
-_USUAL_PUSH, _SHORTEST_PUSH, _LONGEST_PUSH = 15, 2, 300  # samples that a push on a rate lasts
 
 
 class LogModel(ComparisonDefaults):
@@ -86,10 +86,10 @@ class LogModel(ComparisonDefaults):
         ]
         stated = {*known[0].along, *known[0].first, *system.start_spread}
         self.hidden = tuple(n for n in system.states if n not in stated)  # begin anywhere
-        self.sizes = self._sizes(guessed)
+        self.sizes = usual_sizes(system, self.logs, guessed, self.rates_at)
         self.driven = self._driven()
         guessed = self._followed(known, guessed)
-        self.sizes = self._sizes(guessed)
+        self.sizes = usual_sizes(system, self.logs, guessed, self.rates_at)
         spread = self._start_spread()
         self._starts = [Start(g, spread) for g in guessed]
         self.span_s = max(log.outputs.shape[1] for log in self.logs) * self.dt_s
@@ -465,53 +465,23 @@ class LogModel(ComparisonDefaults):
     @functools.cached_property
     def _nuisances(self) -> tuple[Free, ...]:
         hidden = {f"constant.{name}" for name in self.unshown}
-        constants = [free for free in self._constants() if free.name not in hidden]
-        return (*self._noise(), *self._clocks(), *constants, *self._form())
+        return tuple(free for free in self._may_be_free() if free.name not in hidden)
 
-    def _noise(self) -> list[Free]:
-        """Logarithms of the noise of sensors and of driven states' rates."""
-        parameters = []
-        for output in self.system.outputs:
-            size = self.sizes[f"y {output.name}"]
-            guess = float(np.log(output.noise or 0.01 * size))
-            better = _BETTER if output.noise else _MUCH_BETTER
-            name, bounds = f"noise.{output.name}", (guess - better, float(np.log(10.0 * size)))
-            parameters.append(Free(name, output.unit, guess, _LN_SD, *bounds, 0.01))
-        for name in self.driven:
-            rate = self.sizes[f"d {name}"]
-            guess = float(np.log(self.system.process_noise.get(name, 0.2 * rate)))
-            unit = rate_unit(self.system.states[name])
-            bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
-            parameters.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
-            if self.is_pushed:
-                parameters += self._lasting(name, unit, rate)
-        return parameters
-
-    def _lasting(self, name: str, unit: str, rate: float) -> list[Free]:
-        """Logarithms of the sd and the duration of a push that lasts."""
-        guess, bounds = float(np.log(0.1 * rate)), np.log([1e-6 * rate, 30.0 * rate])
-        shortest, longest = np.log([_SHORTEST_PUSH * self.dt_s, _LONGEST_PUSH * self.dt_s])
-        usual = float(np.log(_USUAL_PUSH * self.dt_s))
+    def _may_be_free(self) -> list[Free]:
+        """Noise, clocks, constants and form, also of constants that no output shows."""
+        system, sizes, driven, dt_s = self.system, self.sizes, self.driven, self.dt_s
         return [
-            Free(f"push.{name}", unit, guess, _LN_SD, float(bounds[0]), float(bounds[1]), 0.01),
-            Free(f"lasting.{name}", "s", usual, 1.0, float(shortest), float(longest), 0.02),
-        ]
-
-    def _clocks(self) -> list[Free]:
-        """Clocks: an input may act up to half a sample sooner or later than its row says.
-
-        Commands of one row do so alike: one that acts later than another has a delay.
-        """
-        half = 0.5 * self.dt_s
-        return [
-            Free(f"clock.{name}", "s", 0.0, half / 3.0**0.5, -half, half, 0.02 * self.dt_s)
-            for name in self._stamped_together()
+            *sensor_noise(system, sizes),
+            *pushes(system, sizes, driven, dt_s, is_pushed=self.is_pushed),
+            *clocks(list(self._stamped_together()), dt_s),
+            *constants(system),
+            *form(system, sizes, driven, self.along_logs()),
         ]
 
     @functools.cached_property
     def unshown(self) -> set[str]:
         """Constants of unlimited spread that no output of the logs shows: they are not fitted."""
-        return unshown(self, (*self._noise(), *self._clocks(), *self._constants(), *self._form()))
+        return unshown(self, tuple(self._may_be_free()))
 
     def unknown_constants(self) -> dict[str, Quantity]:
         """What is stated of the constants that these logs say nothing of, in the system's order."""
@@ -520,35 +490,6 @@ class LogModel(ComparisonDefaults):
             for c in self.system.constants
             if c.name in self.unshown
         }
-
-    def _constants(self) -> list[Free]:
-        parameters = []
-        for c in self.system.constants:
-            if c.spread > 0.0:
-                step = 1e-3 * (abs(c.value) or 1.0)
-                if np.isfinite(c.spread):
-                    step = 0.02 * c.spread
-                    if c.keeps_sign:
-                        step = min(step, 0.01 * abs(c.value))
-                name, unit = f"constant.{c.name}", self.system.unit_of_constant(c.name)
-                parameters.append(
-                    Free(name, unit, c.value, c.spread, *c.bounds, step, quantity=c.name)
-                )
-        return parameters
-
-    def _form(self) -> list[Free]:
-        """Bumps of the model-form term, in the range of the log."""
-        bumps = []
-        for name in self.driven:
-            i = list(self.system.states).index(name)
-            at = np.concatenate([s.states[i] for s in self._starts]) / self.sizes[name]
-            low, high = at.min() - 0.4, at.max() + 0.4
-            for k, centre in enumerate(BUMPS):
-                if low <= centre <= high:
-                    bumps.append(
-                        Free(f"form.{name}.{k}", "1", 0.0, FORM_EACH, -FORM_MOST, FORM_MOST, 0.002)
-                    )
-        return bumps
 
     def _followed(
         self, known: Sequence[InitialStates], guessed: Sequence[FloatArray]
@@ -570,52 +511,6 @@ class LogModel(ComparisonDefaults):
         states = followed(alone, acting, rows, self.hidden, constants)
         ends = np.cumsum([log.outputs.shape[1] for log in self.logs])[:-1]
         return np.split(states, ends, axis=1)
-
-    def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
-        """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
-
-        `parts …` is the size of a rate if its inputs do not hold against its states.
-        `least …` is how near to 0 an input or a known state comes; `turns …` is 1 if it changes its
-        sign, else 0. `largest …` is how far from 0 an input goes; `lowest …` and `highest …` are
-        the ends of a known state. `y …` is the size about an output's mean; `top …` and `bottom …`
-        are its largest and least reading, and `readings at top …` is how often it shows that.
-        """
-        states = np.concatenate(guessed, axis=1)
-        inputs = np.concatenate([log.inputs for log in self.logs], axis=1)
-        outputs = np.concatenate([log.outputs for log in self.logs], axis=1)
-        sizes = {i.name: _usual(row) for i, row in zip(self.system.inputs, inputs, strict=True)}
-        for stated, row in zip(self.system.inputs, inputs, strict=True):
-            sizes |= _signs(stated.name, row, sizes[stated.name])
-        driving = np.concatenate([log.driving for log in self.logs], axis=1)
-        for stated, row in zip(self.system.inputs, driving, strict=True):
-            sizes[f"largest {stated.name}"] = float(np.abs(row).max())
-        sizes |= {
-            f"y {o.name}": _usual(row - np.nanmean(row))
-            for o, row in zip(self.system.outputs, outputs, strict=True)
-        }
-        for o, row in zip(self.system.outputs, outputs, strict=True):
-            for end, reached in (("top", np.nanmax(row)), ("bottom", np.nanmin(row))):
-                sizes |= {f"{end} {o.name}": float(reached)}
-                sizes |= {f"readings at {end} {o.name}": float((row == reached).sum())}
-        first = max(sizes[f"y {o.name}"] for o in self.system.outputs)
-        for name, row in zip(self.system.states, states, strict=True):
-            unknown = self.system.start_spread.get(name, first)
-            sizes[name] = float(unknown)
-            if np.ptp(row) > 0.0:
-                sizes[name] = _usual(row)
-                sizes |= _signs(name, row, sizes[name])
-                low, high = np.quantile(row, [1.0 - _ENDS, _ENDS])
-                sizes |= {f"lowest {name}": float(low), f"highest {name}": float(high)}
-        rates = self.rates_at(states, inputs)
-        taken_apart = self.rates_at(*_at_other_times(states, inputs))
-        apart = np.sqrt(np.mean(taken_apart**2, axis=1))
-        for i, name in enumerate(self.system.states):
-            moved = np.concatenate([np.gradient(g[i], self.dt_s) for g in guessed])
-            size = float(np.sqrt(np.mean(rates[i] ** 2)))
-            sizes[f"d {name}"] = size if size > 0.0 and np.isfinite(size) else _usual(moved)
-            parts = float(apart[i]) if np.isfinite(apart[i]) else 0.0
-            sizes[f"parts {name}"] = max(parts, sizes[f"d {name}"])
-        return sizes
 
     def rates_at(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
         """The rates (n, …) by the model at states (n, …) and inputs (i, …)."""
@@ -651,31 +546,9 @@ class LogModel(ComparisonDefaults):
         return Record(block.name, self._time_s(block), self.logs[block.log].outputs[:, cut])
 
 
-def _at_other_times(*columns: FloatArray) -> list[FloatArray]:
-    """The same columns, (n, N) and (i, N), each of the two in an order of samples of its own.
-
-    States stay together: a spring between two of them would else be as long as both wander.
-    """
-    rng = np.random.default_rng(0)
-    return [each[:, rng.permutation(each.shape[1])] for each in columns]
-
-
 def _newest(read: FloatArray, before: FloatArray) -> FloatArray:
     """The newest measured reading (m, n) at each sample; `before` (m, 1) until there is one."""
     at = np.where(np.isfinite(read), np.arange(read.shape[1]), -1)
     newest = np.maximum.accumulate(at, axis=1)
     known = np.take_along_axis(read, np.maximum(newest, 0), axis=1)
     return np.where(newest >= 0, known, before)
-
-
-def _signs(name: str, values: FloatArray, size: float) -> dict[str, float]:
-    """How near to 0 values come, and whether their sign changes by more than a trifle."""
-    low, high = float(values.min()), float(values.max())
-    turns = low < -_TRIFLE * size and high > _TRIFLE * size
-    return {f"least {name}": float(np.abs(values).min()), f"turns {name}": float(turns)}
-
-
-def _usual(values: FloatArray) -> float:
-    """The size that is seldom exceeded; 1 for what is always 0."""
-    size = float(np.nanquantile(np.abs(values), _USUAL))
-    return size if size > 0.0 else float(np.nanmax(np.abs(values))) or 1.0
