@@ -9,6 +9,7 @@ from wakedeploy.gap.systems.kinds.library import KINDS_BY_ROLE
 _HEADS = {
     "input": "On an input: `Port.input`",
     "force": "As a force on a state: `Port.force`",
+    "between": "As a force between two bodies: `Port.between`",
     "output": "In a sensor: `Port.output`",
     "constant": "In a constant: `Port.constant`",
 }

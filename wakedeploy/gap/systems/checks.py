@@ -98,8 +98,8 @@ def _bounded(system: StateSpace, c: Constant) -> Constant:
 def _unborne(system: StateSpace, c: Constant) -> str:
     """Why a constant cannot be 0, or as far to either side as it states; "" where it can."""
     for port in system.ports:
-        if c.name in (port.inertia, port.friction):
-            what = "inertia" if c.name == port.inertia else "friction"
+        if c.name in (port.inertia, port.friction, *port.inertias):
+            what = "friction" if c.name == port.friction else "inertia"
             return f"it is the {what} of the port {port.name!r}"
     tried = bearable(system, random_points(system, (_POINTS,)))
     for method in (system.rates, system.readings):
@@ -162,8 +162,9 @@ def _check_ports(system: StateSpace) -> None:
         )
     for port in system.ports:
         wanted = [(port.role, port.name)] if port.role in known else []
-        wanted += [("constant", n) for n in (port.inertia, port.friction) if n]
-        wanted += [("force", n) for n in (port.position, port.height) if n]
+        wanted += [("constant", n) for n in (port.inertia, port.friction, *port.inertias) if n]
+        both = (*port.speeds, *port.positions) if port.speeds else (port.position,)
+        wanted += [("force", n) for n in (*both, port.height) if n]
         wanted += [("input", port.acts_like)] if port.like else []
         for role, name in wanted:
             if name not in known[role]:
@@ -174,12 +175,31 @@ def _check_ports(system: StateSpace) -> None:
                 )
         if port.like:
             _require_like_alone(system, port)
+        if port.speeds:
+            _check_between(system, port)
         if port.role == "custom" and not port.name.replace("-", "_").isidentifier():
             raise UnusableInput(
                 f"{system.name}: an effect of your own is called {port.name!r}; use letters, "
                 "digits, - and _."
             )
         _check_sizes(system, port)
+
+
+def _check_between(system: StateSpace, port: Port) -> None:
+    """UnusableInput where what two bodies state cannot be compared, or is that of one body."""
+    where = f"{system.name}: the port between {port.speeds[0]!r} and {port.speeds[1]!r}"
+    if port.speeds[0] == port.speeds[1]:
+        raise UnusableInput(f"{where} names one state; use Port.force for what acts on one body.")
+    if not isinstance(port.ratio, (int, float)) or not 0.0 < abs(port.ratio) < math.inf:
+        raise UnusableInput(f"{where} has the ratio {port.ratio!r}; give a number but 0.")
+    pairs = [[system.states[n] for n in pair] for pair in (port.speeds, port.positions) if pair]
+    pairs.append([system.unit_of_constant(n) for n in port.inertias] or ["1", "1"])
+    for first, second in pairs:
+        if port.ratio == 1.0 and not same_unit(first, second):
+            raise UnusableInput(
+                f"{where} compares {first} with {second}; state both in one unit, or the ratio of "
+                "the transmission: how far the first goes while the second goes one."
+            )
 
 
 def _require_like_alone(system: StateSpace, port: Port) -> None:

@@ -112,11 +112,14 @@ class Constant:
         return low, ends[1] if self.high is None else self.high
 
 
+DIFFERENCE = "-"  # between two names: no state's name has it
+
+
 @dataclass(frozen=True)
 class Port:
     """A place where an effect may act.
 
-    Made by `Port.input`, `.force`, `.output`, `.constant` or `.custom`.
+    Made by `Port.input`, `.force`, `.between`, `.output`, `.constant` or `.custom`.
 
     `unit` is that of what the effect adds there; signals are (T,) along a log. A name that the
     system does not state raises UnusableInput when it is loaded.
@@ -134,6 +137,10 @@ class Port:
     function: Increments | None = field(default=None, compare=False)
     parameters: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
     shapes: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
+    speeds: tuple[str, ...] = ()
+    inertias: tuple[str, ...] = ()
+    positions: tuple[str, ...] = ()
+    ratio: float = 1.0
 
     @classmethod
     def input(cls, name: str, kinds: Sequence[str] | str = ()) -> "Port":
@@ -165,6 +172,41 @@ class Port:
         with that input where the model limits it.
         """
         return cls("force", speed, inertia, position, height, unit, _several(kinds), friction, like)
+
+    @classmethod
+    def between(
+        cls,
+        speeds: Sequence[str],
+        inertias: Sequence[str] = (),
+        positions: Sequence[str] = (),
+        ratio: float = 1.0,
+        unit: str = "",
+        kinds: Sequence[str] | str = (),
+    ) -> "Port":
+        """Between two bodies, as in a gear, a belt or a spring: one is pulled, the other held back.
+
+        `speeds` are the two states, `inertias` the constants that a force on each is over (or none:
+        what one gains the other loses), `positions` the states whose rates the speeds are. A force
+        depends on how far and how fast the first is ahead of the second. `ratio` says how often the
+        first turns while the second turns once, or rad of the one for a metre of the other: that
+        difference and the force are then on the second's side.
+        """
+        pairs = [_two("speeds", speeds)]
+        pairs += [
+            _two(n, g) if g else () for n, g in (("inertias", inertias), ("positions", positions))
+        ]
+        speeds, inertias, positions = pairs
+        return cls(
+            "between",
+            DIFFERENCE.join(speeds),
+            position=DIFFERENCE.join(positions),
+            unit=unit,
+            kinds=_several(kinds),
+            speeds=speeds,
+            inertias=inertias,
+            positions=positions,
+            ratio=ratio,
+        )
 
     @classmethod
     def output(cls, name: str, kinds: Sequence[str] | str = ()) -> "Port":
@@ -205,6 +247,10 @@ class Port:
             shapes=dict(shapes or {}),
         )
 
+    def ahead(self, values: Mapping[str, Any], names: Sequence[str]) -> Any:
+        """How much the first of two states is ahead of the second, on the second's side."""
+        return values[names[0]] / self.ratio - values[names[1]]
+
     @property
     def acts_like(self) -> str:
         """The input that its force acts like, "" for none."""
@@ -221,6 +267,16 @@ class Port:
         p = {name: size * usual for name, (_, usual) in self.parameters.items()}
         p |= {name: usual for name, (_, usual) in self.shapes.items()}
         return self.function(time_s, state, inputs, Point("parameter", p))
+
+
+def _two(what: str, given: Sequence[str]) -> tuple[str, ...]:
+    """Two names; UnusableInput for anything else."""
+    if not isinstance(given, tuple | list) or len(given) != 2:
+        raise UnusableInput(
+            f"Port.between has the {what} {given!r:.60}; give those of both bodies, as "
+            '("motor_radps", "link_radps").'
+        )
+    return tuple(given)
 
 
 def _several(kinds: Sequence[str] | str) -> tuple[str, ...]:
@@ -427,6 +483,10 @@ class StateSpace:
         stated = {c.name: c.value for c in self.constants}
         return Point("constant", stated | dict(constants or {}))
 
+    def unit_of_state(self, name: str) -> str:
+        """The unit of a state, or of the difference of two: that of the second."""
+        return self.states[name.split(DIFFERENCE)[-1]]
+
     def unit_of_constant(self, name: str) -> str:
         """As stated, or the one that the constant's name ends in."""
         return self.constant(name).unit or unit_at_end(name) or unit_of(name) or "1"
@@ -604,6 +664,7 @@ class StateSpace:
         given: list[Mapping[str, Any] | Point] = [state, inputs, c]
         if forces is not None and hasattr(self, "derivative_under"):
             ports = [port.name for port in self.ports if port.role == "force"]
+            ports += [name for port in self.ports for name in port.speeds]
             method, given = "derivative_under", [*given, Forces(forces, ports)]
         elif forces:
             given[1] = self._with_forces(inputs, forces)

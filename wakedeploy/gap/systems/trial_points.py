@@ -79,7 +79,7 @@ def is_number(
 
 def named_by_ports(system: "StateSpace") -> set[str]:
     """Constants that effects at the ports are about, also where no equation reads them."""
-    named = {n for p in system.ports for n in (p.inertia, p.friction)}
+    named = {n for p in system.ports for n in (p.inertia, p.friction, *p.inertias)}
     return named | {p.name for p in system.ports if p.role == "constant"}
 
 

@@ -438,6 +438,28 @@ class LowerStop(LowerRim):
         return np.asarray(super().force(at, p) * np.maximum(1.0 - p["loss"] * at.speed, 0.0))
 
 
+class FreePlay(ForceKind):
+    """A spring between two bodies that bears less, or nothing, near its middle, as teeth of gears.
+
+    All of the model's own spring is taken away there if the stiffnesses are the same.
+    """
+
+    name = "free-play"
+    phrase = "a spring over {port} that bears less near its middle"
+    equation = "k x within ±width, ±k width beyond"
+    source = "Nordin and Gutman, Automatica 38, 2002"
+    needs = ("position",)
+    parameters = (
+        Parameter("stiffness", {"force": 1, "position": -1}, starts=(0.7, 0.7, 0.7)),
+        Parameter("width", {"position": 1}, neutral=0.2, low=0.002, high=1.0, prior=0.3,
+                  starts=(0.03, 0.1, 0.3)),
+    )  # fmt: skip
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """What the spring lacks: along the difference, up to what it bears at the width."""
+        return np.asarray(p["stiffness"] * np.clip(at.position, -p["width"], p["width"]))
+
+
 class Coupling(ForceKind):
     """A force in proportion to another input, or to another axis's motion."""
 
@@ -511,4 +533,9 @@ KINDS = (
     Offset(), Viscous(), Coulomb(), Stribeck(), Presliding(), QuadraticDrag(), Stiffness(),
     PreloadedSpring(), CubicStiffness(), SquareStiffness(), Gravity(), Periodic(), Hysteresis(),
     AddedInertia(), GroundEffect(), UpperStop(), LowerStop(), UpperRim(), LowerRim(), Coupling(),
+)  # fmt: skip
+# Between two bodies; dry friction there is a pre-sliding one, which gives by a hair.
+BETWEEN = (
+    Viscous(), Presliding(), QuadraticDrag(), Stiffness(), CubicStiffness(), Hysteresis(),
+    FreePlay(),
 )  # fmt: skip

@@ -13,16 +13,17 @@ from wakedeploy.core.names import unknown
 from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.systems.kinds import forces, inputs, sensors
 from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
-from wakedeploy.gap.systems.system import Port, StateSpace
+from wakedeploy.gap.systems.system import DIFFERENCE, Port, StateSpace
 from wakedeploy.gap.wording import with_name
 
 _ANGLES = ("rad",)
 _CUT = 3  # readings that are all the same, and the last to one side: cut there perhaps
-_ROLES_ALIKE = ("input", "force", "output")
+_ROLES_ALIKE = ("input", "force", "between", "output")
 _STILL = 0.1  # of the usual size: nearer to 0 a sign may be about to turn
 KINDS_BY_ROLE: dict[str, tuple[Kind, ...]] = {
     "input": inputs.KINDS,
     "force": forces.KINDS,
+    "between": forces.BETWEEN,
     "output": sensors.OUTPUT_KINDS,
     "constant": sensors.CONSTANT_KINDS,
 }
@@ -87,6 +88,8 @@ def plain(name: str) -> str:
     kind_name, _, port = name.partition("@")
     other = kind_name.partition("-from-")[2]
     phrase = kinds_of(name)[-1].phrase if port and kinds_of(name) else ""
+    first, _, second = port.partition(DIFFERENCE)
+    port = f"the difference of {first} and {second}" if second else port
     return with_name(phrase.format(port=port, other=other), name)
 
 
@@ -158,7 +161,7 @@ def _makes_sense(system: StateSpace, port: Port, kind: Kind, sizes: Mapping[str,
     """Whether the port has what a kind needs, and the logs what makes it differ from another."""
     turns = sizes.get(f"turns {port.name}", 1.0) > 0.0
     near = sizes.get(f"least {port.name}", 0.0) <= _STILL * sizes.get(port.name, 1.0)
-    angle = bool(port.position) and system.states[port.position] in _ANGLES
+    angle = bool(port.position) and system.unit_of_state(port.position) in _ANGLES
     there = {"position": bool(port.position), "height": bool(port.height), "angle": angle}
     moving = _moves(system, port)
     there |= {"level": not moving, "moving": moving}
@@ -192,7 +195,10 @@ def _moves(system: StateSpace, port: Port) -> bool:
     """Whether a port's state is the speed of its position; of a discrete system, as it is said."""
     if system.has_step:
         return port.position != port.name
-    return system.kinematic().get(port.position) == port.name
+    kinematic = system.kinematic()
+    if port.role == "between":
+        return tuple(kinematic.get(p) for p in port.positions) == port.speeds
+    return kinematic.get(port.position) == port.name
 
 
 def _others(system: StateSpace, port: Port, kind: Kind) -> tuple[str, ...]:
@@ -220,12 +226,12 @@ def _scales(
         there["top"] = sizes.get(f"top {port.name}", sizes[f"y {port.name}"])
         there["bottom"] = sizes.get(f"bottom {port.name}", -sizes[f"y {port.name}"])
         units["output"] = next(o.unit for o in system.outputs if o.name == port.name)
-    elif port.role == "force":
+    elif port.role in ("force", "between"):
         there |= {"force": _usual_force(system, port, sizes), "speed": sizes[port.name]}
-        units |= {"force": force_unit(system, port), "speed": system.states[port.name]}
+        units |= {"force": force_unit(system, port), "speed": system.unit_of_state(port.name)}
         for part, name in (("position", port.position), ("height", port.height)):
             if name:
-                there[part], units[part] = sizes[name], system.states[name]
+                there[part], units[part] = sizes[name], system.unit_of_state(name)
         if port.position:
             there |= _way(port.position, sizes)
             units |= dict.fromkeys(("lowest", "highest", "range"), units["position"])
@@ -238,7 +244,14 @@ def _scales(
 
 
 def _usual_force(system: StateSpace, port: Port, sizes: Mapping[str, float]) -> float:
-    """What usually moves a port's state, in the unit of forces there."""
+    """What usually moves a port's state, in the unit of forces there.
+
+    Of two bodies it is the one that less moves: more than that does not pass between them.
+    """
+    if port.role == "between":
+        inertias = [abs(system.constant(n).value) for n in port.inertias] or [1.0, 1.0]
+        usual = [i * sizes[f"d {n}"] for i, n in zip(inertias, port.speeds, strict=True)]
+        return min(usual[0] * abs(port.ratio), usual[1])
     if port.inertia:
         return abs(system.constant(port.inertia).value) * sizes[f"d {port.name}"]
     return sizes[port.acts_like] if port.like else sizes[f"d {port.name}"]
@@ -264,10 +277,11 @@ def force_unit(system: StateSpace, port: Port) -> str:
         return port.unit
     if port.like:
         return next(i.unit for i in system.inputs if i.name == port.acts_like)
-    rate = rate_unit(system.states[port.name])
-    if not port.inertia:
+    rate = rate_unit(system.unit_of_state(port.name))
+    over = port.inertia or (port.inertias[1] if port.inertias else "")
+    if not over:
         return rate
-    inertia = system.unit_of_constant(port.inertia)
+    inertia = system.unit_of_constant(over)
     known = {("kg", "m/s²"): "N", ("kg m²", "rad/s²"): "N m", ("kg m^2", "rad/s²"): "N m"}
     return known.get((inertia, rate), f"{inertia} {rate}")
 
@@ -289,6 +303,8 @@ def held_by(system: StateSpace, library: Mapping[str, Effect], acting: Sequence[
 
 def _is_on(system: StateSpace, port: Port, axis: Port) -> bool:
     """Whether a port is that of a force on the axis, of its only driver, or of its sensor."""
+    if axis.role == "between":
+        return port.name == axis.name
     if port.role == "output":
         return bool(axis.position) and system.shown_states().get(port.name) == axis.position
     drivers = (

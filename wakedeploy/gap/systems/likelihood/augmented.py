@@ -56,7 +56,7 @@ class Acting:
         self.states = (*system.states, *(n for e in effects for n in e.own_states))
         self._of = {
             role: [e for e in effects if e.port.role == role]
-            for role in ("input", "force", "output", "constant", "custom")
+            for role in ("input", "force", "between", "output", "constant", "custom")
         }
         # A limit on a reading acts last: readings are cut with whatever else is wrong with them.
         self._of["output"].sort(key=lambda e: isinstance(e.kind, SensorSaturation))
@@ -64,6 +64,7 @@ class Acting:
         self._of["input"].sort(key=lambda e: not isinstance(e.kind, Saturation))
         self._dry = [e for e in self._of["force"] if isinstance(e.kind, DryFriction)]
         self._smooth = [e for e in self._of["force"] if e not in self._dry]
+        self._smooth += self._of["between"]
         self._given = [e for e in self._smooth if system.distributes(e.port)]
         self._beside = [e for e in self._smooth if e not in self._given]
         self.remembers = any(e.own_states for e in self._smooth)
@@ -206,8 +207,15 @@ class Acting:
             kind = effect.kind
             if not effect.own_states or not isinstance(kind, ForceKind):
                 continue
-            place = self.states.index(effect.port.name)
-            faster = step_s * (rates[place, 0] + pushed[place])
+            port = effect.port
+            rising = {
+                name: rates[place, 0] + pushed[place]
+                for name in port.speeds or (port.name,)
+                for place in [self.states.index(name)]
+            }
+            faster = step_s * (
+                port.ahead(rising, port.speeds) if port.speeds else rising[port.name]
+            )
             given = self._at(effect, named, {}), faster, effect.parameters(values), step_s
             for name, rate in zip(effect.own_states, kind.own_corrections(*given), strict=True):
                 rates[self.states.index(name)] += rate
@@ -398,7 +406,9 @@ class Acting:
         port = effect.port
         inertia = getattr(c, port.inertia) if port.inertia else 1.0
         force = self._pull(effect, named, base, inputs, inertia, values, own_rates)
-        rates[port.name] = rates[port.name] + force / inertia * self._dt_s
+        for k, (name, share) in enumerate(_shares(port)):
+            over = getattr(c, port.inertias[k]) if port.inertias else inertia
+            rates[name] = rates[name] + share * force / over * self._dt_s
 
     def _loaded(
         self,
@@ -418,7 +428,8 @@ class Acting:
         for effect in effects:
             inertia = getattr(c, effect.port.inertia) if effect.port.inertia else 1.0
             pull = self._pull(effect, named, base, inputs, inertia, values, own_rates)
-            forces[effect.port.name] = forces.get(effect.port.name, 0.0) + pull
+            for name, share in _shares(effect.port):
+                forces[name] = forces.get(name, 0.0) + share * pull
         return self.system.rates(state, driven, c, forces)
 
     def _pull(
@@ -443,10 +454,15 @@ class Acting:
 
     def _at(self, effect: Effect, named: Arrays, inputs: Arrays, force: Any = None) -> At:
         port = effect.port
-        speed = named[port.name]
+        if port.speeds:
+            speed = port.ahead(named, port.speeds)
+            position = port.ahead(named, port.positions) if port.positions else speed
+        else:
+            speed = named[port.name]
+            position = named.get(port.position, speed)
         return At(
             speed=speed,
-            position=named.get(port.position, speed),
+            position=position,
             height=named.get(port.height, speed),
             force=speed if force is None else force,
             other={**named, **inputs}[effect.other] if effect.other else speed,
@@ -491,3 +507,11 @@ class Acting:
 
     def _advanced(self, value: Any, rate: Any) -> Any:
         return value + self._dt_s * rate if self._has_step else rate
+
+
+def _shares(port: Port) -> list[tuple[str, float]]:
+    """The speeds that a force at a port acts on, and how much of it acts there."""
+    if not port.speeds:
+        return [(port.name, 1.0)]
+    first, second = port.speeds
+    return [(first, 1.0 / port.ratio), (second, -1.0)]

@@ -528,6 +528,7 @@ class LogModel(ComparisonDefaults):
         exact = {n for n, size in stated.items() if size == 0.0}
         exact |= {*self._kinematic, *self.system.geometric()}
         acted_on = {p.name for p in self.system.ports if p.role in ("force", "custom")}
+        acted_on |= {name for port in self.system.ports for name in port.speeds}
         kept = exact | {n for n in self.system.remembered() if n not in {*stated, *acted_on}}
         # A model that is nothing but memory has its noise there.
         return tuple(n for n in self.system.states if n not in kept) or tuple(

@@ -71,9 +71,25 @@ def _of_states(system: StateSpace, states: FloatArray, known: Sizes) -> dict[str
         if np.ptp(row) > 0.0:
             sizes[name] = _usual(row)
             sizes |= _signs(name, row, sizes[name])
-            low, high = np.quantile(row, [1.0 - _ENDS, _ENDS])
-            sizes |= {f"lowest {name}": float(low), f"highest {name}": float(high)}
+            sizes |= _way(name, row)
+    return sizes | _of_differences(system, states)
+
+
+def _of_differences(system: StateSpace, states: FloatArray) -> dict[str, float]:
+    """Of how far one body is ahead of another, and how fast, by the port's names for them."""
+    sizes, named = {}, dict(zip(system.states, states, strict=True))
+    for port in (p for p in system.ports if p.speeds):
+        for name, pair in ((port.name, port.speeds), (port.position, port.positions)):
+            if pair:
+                row = port.ahead(named, pair)
+                sizes[name] = _usual(row)
+                sizes |= _signs(name, row, sizes[name]) | _way(name, row)
     return sizes
+
+
+def _way(name: str, row: FloatArray) -> dict[str, float]:
+    low, high = np.quantile(row, [1.0 - _ENDS, _ENDS])
+    return {f"lowest {name}": float(low), f"highest {name}": float(high)}
 
 
 def _of_rates(
