@@ -42,7 +42,7 @@ _FROM = {
     "Input": "wakedeploy.gap.systems.system",
     "Output": "wakedeploy.gap.systems.system",
     "Constant": "wakedeploy.gap.systems.system",
-    "Port": "wakedeploy.gap.systems.system",
+    "Port": "wakedeploy.gap.systems.ports",
     "MjcfSystem": "wakedeploy.gap.systems.mjcf.system",
     "WakedeployError": "wakedeploy.core.errors",
     "UnusableInput": "wakedeploy.core.errors",

@@ -28,10 +28,10 @@ from wakedeploy.core.recording import Recording as Recording
 from wakedeploy.core.rig import Rig as Rig
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem as MjcfSystem
 from wakedeploy.gap.systems.own_system import System as System
+from wakedeploy.gap.systems.ports import Port as Port
 from wakedeploy.gap.systems.system import Constant as Constant
 from wakedeploy.gap.systems.system import Input as Input
 from wakedeploy.gap.systems.system import Output as Output
-from wakedeploy.gap.systems.system import Port as Port
 from wakedeploy.rig.file import default_rig as default_rig
 from wakedeploy.rig.file import read_rig as read_rig
 from wakedeploy.rig.file import with_effect as with_effect

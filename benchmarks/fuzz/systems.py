@@ -18,7 +18,7 @@ from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.files import read_plain
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.known import NAME, stated_answer, stated_sizes
-from wakedeploy.gap.systems.system import Point
+from wakedeploy.gap.systems.ports import Point
 
 LOG = "tuesday.csv"
 _DRAG, _LAG = "viscous-friction@speed_mps", "lag@force_n"

@@ -15,7 +15,7 @@ from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.plan import plan
-from wakedeploy.gap.systems.system import Point
+from wakedeploy.gap.systems.ports import Point
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,8 @@ from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.kinds.library import force_unit
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.ports import Point
 from wakedeploy.gap.systems.sensitivity import column_notes
-from wakedeploy.gap.systems.system import Point
 
 RATE_HZ = 100
 LINK_M, FIRST_KG, SECOND_KG = 0.3, 1.0, 0.6

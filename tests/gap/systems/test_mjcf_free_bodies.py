@@ -17,7 +17,7 @@ from wakedeploy.gap.systems.mjcf.corrected import CORRECTED
 from wakedeploy.gap.systems.mjcf.reading import read_elements
 from wakedeploy.gap.systems.mjcf.system import MjcfSystem
 from wakedeploy.gap.systems.mjcf.template import mjcf_template
-from wakedeploy.gap.systems.system import Point
+from wakedeploy.gap.systems.ports import Point
 
 # Four rotors beside a mass whose centre is above the origin; a hinge turns a camera below it.
 COPTER = """

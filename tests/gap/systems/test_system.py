@@ -16,8 +16,8 @@ from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.likelihood.always_free import constants
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.imagined import imagined
+from wakedeploy.gap.systems.ports import Point
 from wakedeploy.gap.systems.sensitivity import column_notes
-from wakedeploy.gap.systems.system import Point
 from wakedeploy.gap.systems.trial_points import random_points
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"

@@ -16,15 +16,9 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import same_unit
 from wakedeploy.gap.systems.calls import called
+from wakedeploy.gap.systems.ports import Point, Port
 from wakedeploy.gap.systems.statements import check_statements, is_unit, names_of
-from wakedeploy.gap.systems.system import (
-    Constant,
-    FloatArray,
-    Input,
-    Point,
-    Port,
-    StateSpace,
-)
+from wakedeploy.gap.systems.system import Constant, FloatArray, Input, StateSpace
 from wakedeploy.gap.systems.trial_points import (
     at,
     bearable,

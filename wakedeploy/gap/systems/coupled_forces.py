@@ -15,7 +15,8 @@ import numpy.typing as npt
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import Point, Port, StateSpace
+from wakedeploy.gap.systems.ports import Point, Port
+from wakedeploy.gap.systems.system import StateSpace
 from wakedeploy.gap.wording import listed
 
 _TIMES, _POSES = 6, 16  # samples of the logs, and states in each of which inputs stay

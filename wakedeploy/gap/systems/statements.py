@@ -15,7 +15,8 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.names import one_of
 from wakedeploy.core.units import SHOWN_ALONE, is_known, same_unit
-from wakedeploy.gap.systems.system import Constant, Input, Output, Port, StateSpace
+from wakedeploy.gap.systems.ports import Port
+from wakedeploy.gap.systems.system import Constant, Input, Output, StateSpace
 
 HOLDS = ("step", "linear", "bandlimited")
 MOST_STEPS = 64

@@ -14,7 +14,8 @@ import numpy.typing as npt
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.systems.system import Input, Point, StateSpace
+    from wakedeploy.gap.systems.ports import Point
+    from wakedeploy.gap.systems.system import Input, StateSpace
 
 FloatArray = npt.NDArray[np.float64]
 Points = Mapping[str, FloatArray]  # of states and inputs, by name

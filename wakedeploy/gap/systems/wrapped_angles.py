@@ -14,7 +14,8 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.logs import LogModel
-from wakedeploy.gap.systems.system import Point, StateSpace
+from wakedeploy.gap.systems.ports import Point
+from wakedeploy.gap.systems.system import StateSpace
 from wakedeploy.gap.wording import counted, minus
 
 _BASES, _ALONG = 8, 401  # points from which a state goes on, and values that it then has

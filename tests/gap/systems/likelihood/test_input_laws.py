@@ -16,9 +16,9 @@ from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.kinds.inputs import DeadBand, Lag
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.plan import _same_delay
+from wakedeploy.gap.systems.ports import Point
 from wakedeploy.gap.systems.sensitivity import column_notes
 from wakedeploy.gap.systems.simulation import simulated
-from wakedeploy.gap.systems.system import Point
 
 RATE = 20.0
 PUSH, MASS, DRAG, TAU_S = 6e-5, 12.0, 9.0, 0.4  # N/us², kg, N/(m/s), s

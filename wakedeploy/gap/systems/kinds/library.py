@@ -13,7 +13,8 @@ from wakedeploy.core.names import unknown
 from wakedeploy.gap.evidence.fits import Free
 from wakedeploy.gap.systems.kinds import forces, inputs, sensors
 from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
-from wakedeploy.gap.systems.system import DIFFERENCE, Port, StateSpace
+from wakedeploy.gap.systems.ports import DIFFERENCE, Port
+from wakedeploy.gap.systems.system import StateSpace
 from wakedeploy.gap.wording import with_name
 
 _ANGLES = ("rad",)

@@ -15,7 +15,8 @@ from wakedeploy.gap.systems.kinds.inputs import InputKind, Saturation, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind, SensorSaturation
 from wakedeploy.gap.systems.likelihood.blocks import made, parts_in_step
-from wakedeploy.gap.systems.system import Input, Point, Port, StateSpace
+from wakedeploy.gap.systems.ports import Point, Port
+from wakedeploy.gap.systems.system import Input, StateSpace
 from wakedeploy.physics.kalman import bumped
 
 Arrays = Mapping[str, Any]

@@ -13,7 +13,8 @@ from scipy.signal import savgol_filter
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.likelihood.blocks import Log
-from wakedeploy.gap.systems.system import Point, StateSpace
+from wakedeploy.gap.systems.ports import Point
+from wakedeploy.gap.systems.system import StateSpace
 
 _SMOOTHED = 11  # samples, for a first guess of speeds
 

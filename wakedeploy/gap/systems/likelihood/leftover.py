@@ -24,7 +24,7 @@ from wakedeploy.gap.search.scan import chance_nats
 from wakedeploy.gap.search.weighing import unfitted, weight_of
 from wakedeploy.gap.systems.kinds.kind import Scales
 from wakedeploy.gap.systems.kinds.library import Effect, custom_kind, not_offered, rate_unit
-from wakedeploy.gap.systems.system import Port
+from wakedeploy.gap.systems.ports import Port
 
 if TYPE_CHECKING:
     from wakedeploy.gap.systems.likelihood.logs import LogModel

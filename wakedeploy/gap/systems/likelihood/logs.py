@@ -44,7 +44,8 @@ from wakedeploy.gap.systems.likelihood.strays import without_strays
 from wakedeploy.gap.systems.likelihood.unseen_states import followed
 from wakedeploy.gap.systems.likelihood.unshown_constants import unshown
 from wakedeploy.gap.systems.likelihood.usual_sizes import usual_sizes
-from wakedeploy.gap.systems.system import Point, StateSpace
+from wakedeploy.gap.systems.ports import Point
+from wakedeploy.gap.systems.system import StateSpace
 
 _TOGETHER = 15000  # samples times effects that are looked at in one run
 # Pieces times parameter sets up to which a step of the filter costs at most twice that of one.

@@ -19,7 +19,8 @@ from wakedeploy.gap.systems.mjcf.free_bodies import angle_rates, turning, twist
 from wakedeploy.gap.systems.mjcf.ranges import CORRECTED, RANGES
 from wakedeploy.gap.systems.mjcf.reading import loaded_mujoco, read_elements
 from wakedeploy.gap.systems.own_system import System
-from wakedeploy.gap.systems.system import FloatArray, Point
+from wakedeploy.gap.systems.ports import Point
+from wakedeploy.gap.systems.system import FloatArray
 
 if TYPE_CHECKING:
     from wakedeploy.gap.search.artefacts import Answer
