@@ -209,17 +209,17 @@ def test_what_does_not_fit_is_refused(stated, said) -> None:
 @pytest.mark.slow
 def test_play_between_motor_and_link_is_named() -> None:
     """Without such a port the answer was a class of four, none of them play."""
-    logs = [driven(15.0, seed, play_rad=0.02, noise=5e-4) for seed in (1, 2)]
+    logs = [driven(10.0, seed, play_rad=0.02, noise=5e-4) for seed in (1, 2)]
     model = LogModel(checked(Joint()), logs)
     found = named(model, fitted_base(model)).found
     assert found.hypothesis == (f"free-play@{AT}",)
     low, high = found.interval(f"free-play@{AT}.width")
     assert low < 0.02 < high
-    assert high - low < 0.004
+    assert high - low < 0.005
 
 
 @pytest.mark.slow
 def test_nothing_is_named_between_bodies_where_nothing_is_missing() -> None:
-    logs = [driven(15.0, seed, noise=5e-4) for seed in (1, 2)]
+    logs = [driven(10.0, seed, noise=5e-4) for seed in (1, 2)]
     model = LogModel(checked(Joint()), logs)
     assert named(model, fitted_base(model)).found.hypothesis == ()
