@@ -6,8 +6,13 @@ the same functions. A name is loaded when it is first used, so that `import wake
 """
 
 import importlib
+import os
 
 from wakedeploy.core.version import VERSION as __version__
+
+# Nobody who predicts has asked to inform onnxruntime's makers of it: it would store reports on disk
+# and send them, by a thread of its own, also in the midst of a flight.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 # Where each public name comes from, in the order of a person's work.
 _FROM = {

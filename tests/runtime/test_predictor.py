@@ -1,5 +1,9 @@
 """The shipped runner steps a package as its memory says, one series or many."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -100,3 +104,19 @@ def test_a_model_that_onnxruntime_refuses_is_told_in_one_line():
 
 def test_the_lead_is_the_manifests(tiny_package):
     assert PackagePredictor(tiny_package("none")).lead_s == 0.09
+
+
+def test_a_step_leaves_nothing_for_the_makers_of_onnxruntime(tiny_package, tmp_path):
+    """Left alone, it stores reports in the home of whoever predicts, and sends them."""
+    model = tmp_path / "model.onnx"
+    model.write_bytes(tiny_package("none").model_bytes)
+    home = tmp_path / "home"
+    home.mkdir()
+    own = {"HOME": str(home), "XDG_CACHE_HOME": str(home)}
+    script = (
+        "import sys, runtime.predictor as p; p.inference_session(open(sys.argv[1], 'rb').read())"
+    )
+    environment = {n: v for n, v in os.environ.items() if n != "ORT_DISABLE_TELEMETRY"}
+    command = [sys.executable, "-c", script, str(model)]
+    subprocess.run(command, env=environment | own, check=True, capture_output=True)
+    assert list(home.iterdir()) == []
