@@ -38,6 +38,7 @@ from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.figures import showing_itself
 from wakedeploy.core.files import path_from, sha256_of
 from wakedeploy.core.manifest import FloatArray
+from wakedeploy.core.misfit import misfit
 from wakedeploy.core.observations import series_of, warn_out_of_range
 
 if TYPE_CHECKING:
@@ -82,14 +83,11 @@ class TrainedRun:
         """The test episode in which the forces change most: as they were, and as predicted.
 
         Of `data`, a set or the folder of one; by default the set that the run was trained on.
-        Raises UnusableInput where there is none.
+        Raises UnusableInput where there is none, and for a set of other channels or another rate.
         """
-        if data is None:
-            shown = episodes_of(self)
-        else:
-            shown = (
-                data if isinstance(data, EpisodeSet) else read_episode_set(path_from(data, "data"))
-            )
+        shown = episodes_of(self) if data is None else _set_of(data)
+        if why := misfit(self.config.observation, self.config.force, self.config.rate_hz, shown):
+            raise UnusableInput(f"{self.folder} cannot be drawn on this {shown.domain} set: {why}.")
         is_trained_on = shown.sha256 == self.config.data_sha256
         errors = self.metrics.test if is_trained_on else None
         drawn = draw_prediction(title_of(self.config), self.config, self.predictor, shown, errors)
@@ -129,6 +127,10 @@ def episodes_of(run: TrainedRun) -> EpisodeSet:
         happened = "is no longer there" if _hash_of(Path(known)) is None else "has changed since"
         where = f"The set that {run.folder} was trained on lay in {known} and {happened}"
     raise UnusableInput(f"{where}; say where it is now: --data FOLDER (in Python, data=…).")
+
+
+def _set_of(data: "EpisodeSet | Path | str") -> EpisodeSet:
+    return data if isinstance(data, EpisodeSet) else read_episode_set(path_from(data, "data"))
 
 
 def _predictor_of(config: RunConfig, weights: Mapping[str, Tensor], folder: Path) -> Predictor:

@@ -236,6 +236,15 @@ def test_a_run_predicts_and_draws_as_its_package_does(runs: wd.Runs, session: Pa
         run.predict(np.zeros((90, 2)))
     with pytest.raises(wd.UnusableInput, match=r"^data is 3: give a path"):
         run.plot(3)
+    for other, why in (
+        (dataclasses.replace(data, rate_hz=2 * data.rate_hz), "make the set at"),
+        (
+            dataclasses.replace(data, observation=(wd.Channel("v", "m"),)),
+            "its observation channels",
+        ),
+    ):
+        with pytest.raises(wd.UnusableInput, match=f"cannot be drawn on this echo set: .*{why}"):
+            run.plot(other)
     lines = {line.get_label(): line for line in run.plot(data).axes[0].lines}
     late = data.warm_up_steps
     np.testing.assert_allclose(
@@ -290,6 +299,10 @@ def test_a_package_says_what_it_learned_from_and_what_it_cannot_read(
     slower = dataclasses.replace(data, rate_hz=data.rate_hz / 2)
     with pytest.raises(wd.UnusableInput, match=r"said\.onnx cannot be evaluated on this echo set"):
         wd.evaluate(package.path, slower)
+    drifted = dataclasses.replace(data, rate_hz=data.rate_hz * 1.004)
+    assert wd.evaluate(package, drifted).rows[0].rmse == pytest.approx(
+        wd.evaluate(package, data).rows[0].rmse, rel=0.02
+    )
 
 
 def test_what_in_a_folder_cannot_be_scored_is_told_and_the_rest_is_scored(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wakedeploy.core.even_time import evened, unevenness
+from wakedeploy.core.even_time import evened, meant_hz, unevenness
 
 
 def test_steps_are_even_up_to_half_of_one() -> None:
@@ -30,3 +30,19 @@ def test_the_step_of_rounded_times_is_that_of_the_clock_behind_them() -> None:
     assert np.median(np.diff(rounded_s)) == pytest.approx(0.008)
     assert unevenness(rounded_s) is None
     np.testing.assert_allclose(np.diff(evened(rounded_s)).mean(), 1 / 128, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "stated", [50.0, 32.0, 62.5, 31.25, 1 / 0.03, 29.97, 49.7213, 23.976, 128.0]
+)
+def test_a_rate_is_the_one_that_its_clock_just_misses(stated: float) -> None:
+    """By a few millionths, as jitter leaves it; a rate that is none of few digits stays itself."""
+    for miss in (-4e-6, 0.0, 4e-6):
+        rate_hz = stated * (1.0 + miss)
+        assert meant_hz(rate_hz) == pytest.approx(stated, rel=5e-6)
+    assert meant_hz(stated) == float(f"{stated:.6g}")
+
+
+def test_clocks_that_miss_a_rate_by_a_few_millionths_mean_the_same_one() -> None:
+    assert {meant_hz(50.0 * (1.0 + miss)) for miss in (-4e-6, 4e-6, 9e-5)} == {50.0}
+    assert meant_hz(50.02) == 50.02

@@ -20,6 +20,7 @@ from wakedeploy.api.scores import About, about_run
 from wakedeploy.core.caller import Warn
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
+from wakedeploy.core.misfit import misfit
 from wakedeploy.gap.progress import Progress
 
 if TYPE_CHECKING:
@@ -226,11 +227,11 @@ def _that_fit(folders: list[Path], data: "EpisodeSet", place: object, warn: Warn
     """The runs whose channels and rate are the set's; warns of how many others there are."""
     from trainers.training.runs import read_config
 
-    def misfit(folder: Path) -> tuple[Path, str | None]:
+    def of_run(folder: Path) -> tuple[Path, str | None]:
         config = read_config(folder)
-        return folder, _misfit(config.observation, config.force, config.rate_hz, data)
+        return folder, misfit(config.observation, config.force, config.rate_hz, data)
 
-    misfits = dict(_usable(folders, misfit, warn))
+    misfits = dict(_usable(folders, of_run, warn))
     fitting = [folder for folder, why in misfits.items() if why is None]
     first, why = next(((f, w) for f, w in misfits.items() if w is not None), (None, None))
     if not fitting:
@@ -243,33 +244,13 @@ def _that_fit(folders: list[Path], data: "EpisodeSet", place: object, warn: Warn
 
 def _require_fit(found: Iterable[Contender], data: "EpisodeSet", place: object) -> None:
     for each in found:
-        if why := _misfit(each.observation, each.force, each.rate_hz, data):
+        if why := misfit(each.observation, each.force, each.rate_hz, data):
             raise _unfit(each.about.run, place, why)
 
 
 def _unfit(run: object, place: object, why: str | None) -> UnusableInput:
     where = f"this {place.domain} set" if hasattr(place, "domain") else str(place)
     return UnusableInput(f"{run} cannot be evaluated on {where}: {why}.")
-
-
-def _misfit(
-    observation: Sequence[Quantity], force: Sequence[Quantity], rate_hz: float, data: "EpisodeSet"
-) -> str | None:
-    """What keeps a predictor from reading a set, in words; None when nothing does."""
-    for kind, wanted, there in (
-        ("observation", observation, data.observation),
-        ("force", force, data.force),
-    ):
-        names, given = [(c.name, c.unit) for c in wanted], [(c.name, c.unit) for c in there]
-        if names != given:
-            return f"its {kind} channels are {_listed(names)}, the set has {_listed(given)}"
-    if abs(rate_hz - data.rate_hz) > 1e-6 * rate_hz:
-        return f"it was trained at {rate_hz:g} Hz, the set is at {data.rate_hz:g} Hz"
-    return None
-
-
-def _listed(channels: list[tuple[str, str]]) -> str:
-    return ", ".join(f"{name} [{unit}]" for name, unit in channels)
 
 
 def _place_in_table(each: Contender) -> tuple[int, int]:

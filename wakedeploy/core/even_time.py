@@ -1,9 +1,15 @@
-"""Times that rise in equal steps but for their jitter: whether they do, and without the jitter."""
+"""Times that rise in equal steps but for their jitter: whether they do, and without the jitter.
+
+Also the rate that was meant, where a clock only just misses it.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
+RATES_DIFFER = 0.01  # a share; what runs at rates as near as that counts as running alike
 _JITTER = 0.5  # of the usual step
+_CLOCK_OFF = 1e-4  # a share, by which the clock that stamps samples may miss the rate
+_FEW_DIGITS = (1, 2, 3)
 
 
 def unevenness(times_s: NDArray[np.float64]) -> int | None:
@@ -28,3 +34,15 @@ def evened(times_s: NDArray[np.float64]) -> NDArray[np.float64]:
     middle_s = float(times_s.mean())
     step_s = float(numbers @ (times_s - middle_s) / (numbers @ numbers))
     return np.asarray(middle_s + step_s * numbers, dtype=np.float64)
+
+
+def meant_hz(rate_hz: float) -> float:
+    """The rate [Hz] that a measured one stands for: of few digits, or that of a step of few digits.
+
+    Stamps of a 50 Hz log tell 50.0002 Hz and those of the next one 49.9998 Hz. 33.3333 Hz stays:
+    its step is 0.03 s. A rate that is near neither keeps six digits.
+    """
+    round_rates = [float(f"{rate_hz:.{digits}g}") for digits in _FEW_DIGITS]
+    round_steps = [1.0 / float(f"{1.0 / rate_hz:.{digits}g}") for digits in _FEW_DIGITS]
+    near = (r for r in round_rates + round_steps if abs(r / rate_hz - 1.0) <= _CLOCK_OFF)
+    return float(f"{next(near, rate_hz):.6g}")

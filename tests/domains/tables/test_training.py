@@ -115,6 +115,22 @@ def test_whole_files_are_held_out_where_there_are_enough(here: Path) -> None:
     assert list(made.provenance["files"]) == [f"run{k}.csv" for k in range(4)]
 
 
+def test_logs_whose_clocks_jitter_are_at_the_rate_that_was_meant(here: Path) -> None:
+    """Each log of 100 Hz tells another rate in the sixth digit; sets of them have one."""
+    rng = np.random.default_rng(5)
+    for file in FOUR:
+        rows = np.loadtxt(file, delimiter=",", skiprows=1)
+        rows[:, 0] += rng.uniform(-0.0015, 0.0015, len(rows))
+        np.savetxt(file, rows, delimiter=",", header="t,v,f", comments="")
+    told = {wd.read_log(file, "columns.toml")[0].rate_hz for file in FOUR}
+    assert len(told | {100.0}) == 5
+    made = [wd.import_table([*pair], "columns.toml") for pair in (FOUR[:2], FOUR[2:])]
+    assert [each.rate_hz for each in made] == [100.0, 100.0]
+    asked = COLUMNS + "[resample]\nrate_hz = 99.999\n"
+    Path("columns.toml").write_text(asked, "utf-8")
+    assert wd.import_table(FOUR, "columns.toml").rate_hz == 99.999
+
+
 def test_one_file_is_cut_by_time_and_names_decide_where_they_are_given(here: Path) -> None:
     made = wd.import_table("run0.csv", "columns.toml")
     assert {e.name: len(e) for e in made.episodes} == {

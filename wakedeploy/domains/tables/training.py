@@ -12,6 +12,7 @@ from pydantic import JsonValue
 
 from wakedeploy.core.episodes import FILTERED, Array, Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.even_time import RATES_DIFFER, meant_hz
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.version import VERSION
 from wakedeploy.domains.tables.columns import Columns, Role
@@ -30,7 +31,6 @@ from wakedeploy.domains.tables.learnable import (
 from wakedeploy.domains.tables.reading import Progress, Reading, read_recordings
 from wakedeploy.domains.tables.splits import long_enough, split_pieces
 
-_RATES_DIFFER = 0.01
 _MOST = float(np.finfo(np.float32).max)
 
 
@@ -55,7 +55,7 @@ def import_set(
     reading = read_recordings(paths, columns, progress=progress)
     hashes = {path: dict(_hashes(path)) for path in reading.pieces}
     require_no_copies({path: tuple(found.values()) for path, found in hashes.items()})
-    rate_hz = _rate_hz(reading)
+    rate_hz = _rate_hz(reading, columns)
     require_several_samples(columns, rate_hz)
     found = split_pieces(reading.pieces, columns)
     pieces = long_enough(found, columns.training.window_s, rate_hz)
@@ -79,17 +79,19 @@ def import_set(
     )
 
 
-def _rate_hz(reading: Reading) -> float:
-    """The rate that all recordings share, to six digits."""
+def _rate_hz(reading: Reading, columns: Columns) -> float:
+    """The rate that all recordings share: as asked for, or as their stamps mean it."""
     rates = [recording.rate_hz for recording in reading.recordings]
     for path, pieces in reading.pieces.items():
         for recording in pieces:
-            if abs(recording.rate_hz / rates[0] - 1.0) > _RATES_DIFFER:
+            if abs(recording.rate_hz / rates[0] - 1.0) > RATES_DIFFER:
                 raise UnusableInput(
                     f"{path}: runs at {recording.rate_hz:.4g} Hz and the first log at"
                     f" {rates[0]:.4g} Hz; give [resample] rate_hz in columns.toml."
                 )
-    return float(f"{np.median(rates):.6g}")
+    usual_hz = float(np.median(rates))
+    is_asked_for = columns.resample is not None or columns.time.rate_hz is not None
+    return float(f"{usual_hz:.6g}") if is_asked_for else meant_hz(usual_hz)
 
 
 def _channels(columns: Columns, reading: Reading, role: Role) -> tuple[Channel, ...]:
