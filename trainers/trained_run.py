@@ -66,10 +66,10 @@ class TrainedRun:
 
         Every series begins with an empty memory. Forces are float32, in the units of
         `config.force`, `config.lead_s` seconds ahead; errors leave out the first
-        `config.warm_up_steps`. The columns of a DataFrame are taken by their names, those of an
-        array in the order of `config.observation`. Raises UnusableInput for another shape, a
-        missing channel or what is no number. Warns by `wd.OutOfRange` where a channel has other
-        values than in training, as in another unit.
+        `config.warm_up_steps`. The columns of a DataFrame or a dict are taken by their names,
+        those of an array in the order of `config.observation`. Raises UnusableInput for another
+        shape, a missing channel or what is no number. Warns by `wd.OutOfRange` where a channel has
+        other values than in training, as in another unit.
         """
         given = series_of(observations, self.config.observation)  # (T, d) or (B, T, d)
         warn_out_of_range(given, self.config.observation)

@@ -1,5 +1,7 @@
 """Packages from Python: series from a cold start, steps that remember, columns by name."""
 
+import copy
+import pickle
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -100,6 +102,49 @@ def test_a_tuple_with_names_is_stepped_by_them(predictor: wd.Predictor) -> None:
     (first, *_) = frame.drop(columns=names[0]).itertuples(index=False)
     with pytest.raises(wd.UnusableInput, match=f"^The observation has no {names[0]}; give"):
         predictor.step(first)
+
+
+def test_a_dict_is_taken_by_its_names(predictor: wd.Predictor) -> None:
+    series = observations(predictor, 6)
+    names = [channel.name for channel in predictor.manifest.observation]
+    told = predictor.predict(series)
+    by_name = {"t_s": np.arange(6.0), names[1]: series[:, 1], names[0]: series[:, 0]}
+    np.testing.assert_array_equal(predictor.predict(by_name), told)
+    rows = ({name: values[k] for name, values in by_name.items()} for k in range(6))
+    np.testing.assert_array_equal([predictor.step(row) for row in rows], told)
+    with pytest.raises(wd.UnusableInput, match=f"^The observations have no column {names[0]}"):
+        predictor.predict({names[1]: series[:, 1]})
+    with pytest.raises(wd.UnusableInput, match=f"^The observation has no {names[0]}; give"):
+        predictor.step({names[1]: 1.0})
+    with pytest.raises(wd.UnusableInput, match="what is no number"):
+        predictor.step({names[0]: "fast", names[1]: 1.0})
+
+
+def test_what_a_mask_hides_is_no_number(predictor: wd.Predictor) -> None:
+    """As netCDF and the mean of a masked array give it; what lies below the mask is a filler."""
+    filled = observations(predictor, 9)
+    filled[6] = -999.0
+    masked = np.ma.masked_equal(filled, -999.0)
+    empty = np.where(filled == -999.0, np.nan, filled)
+    np.testing.assert_array_equal(predictor.predict(masked), predictor.predict(empty))
+    assert np.isfinite(predictor.predict(masked)[:6]).all()
+    assert np.isnan(predictor.step(masked[6])).all()
+    counts = np.ma.masked_array(np.ones((2, filled.shape[1]), int), [[0, 0], [0, 1]])
+    assert np.isnan(predictor.predict(counts)).any(axis=1).tolist() == [False, True]
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda given: pickle.loads(pickle.dumps(given))]
+)
+def test_a_copy_begins_anew_and_leaves_the_memory_alone(
+    predictor: wd.Predictor, copied: Callable[[wd.Predictor], wd.Predictor]
+) -> None:
+    series = observations(predictor, 8)
+    whole = predictor.predict(series)
+    np.testing.assert_array_equal([predictor.step(newest) for newest in series[:4]], whole[:4])
+    other = copied(predictor)
+    np.testing.assert_array_equal([other.step(newest) for newest in series], whole)
+    np.testing.assert_array_equal([predictor.step(newest) for newest in series[4:]], whole[4:])
 
 
 def test_two_columns_of_one_name_are_refused(predictor: wd.Predictor) -> None:

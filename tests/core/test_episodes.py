@@ -428,6 +428,9 @@ def test_an_episode_has_a_name_and_a_sample() -> None:
         Episode(3, some, some)
     with pytest.raises(ValueError, match=r"^episode .a.: observation has 0 samples; leave such"):
         Episode("a", none, none)
+    hidden = np.ma.masked_array(some, [[0], [0], [1]])
+    with pytest.raises(ValueError, match=r"^episode .a.: force is masked at sample 2; leave such"):
+        Episode("a", some, hidden)
 
 
 def test_numbers_that_numpy_holds_are_numbers(tmp_path: Path) -> None:

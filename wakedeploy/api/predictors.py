@@ -37,13 +37,18 @@ class Predictor:
 
     `predict` takes whole series (T, d) from a cold start; `step` goes on from call to call, one
     observation (d,) at a time, until `reset`. Forces are those `lead_s` seconds ahead of the newest
-    observation, float32. The first that counts is that of step `manifest.warm_up_steps`. Raises
-    UnusableInput for another shape, CheckFailed where onnxruntime gives up.
+    observation, float32. The first that counts is that of step `manifest.warm_up_steps`. A
+    copy, also for another process, begins with an empty memory. Raises UnusableInput for another
+    shape, CheckFailed where onnxruntime gives up.
     """
 
     def __init__(self, package: Flyable, path: Path) -> None:
         self.package, self.path = package, path
         self._live: Predicting | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        """What a copy takes over: no session, which belongs to one process, nor its memory."""
+        return self.__dict__ | {"_live": None}
 
     @property
     def manifest(self) -> Manifest:
@@ -59,8 +64,8 @@ class Predictor:
         """Forces (T, o) for observations (T, d), or (B, T, o) for B series (B, T, d).
 
         Every call begins with an empty memory and leaves that of `step` alone. The columns of a
-        DataFrame are taken by their names, those of an array in the manifest's order. Raises
-        UnusableInput for another shape, a missing channel or what is no number. Warns by
+        DataFrame or a dict are taken by their names, those of an array in the manifest's order.
+        Raises UnusableInput for another shape, a missing channel or what is no number. Warns by
         `wd.OutOfRange` where a channel has other values than in training, as in another unit;
         `step` does not.
         """
@@ -76,8 +81,9 @@ class Predictor:
     def step(self, observation: npt.ArrayLike) -> FloatArray:
         """The force (o,) for the newest observation (d,), with what it remembers of those before.
 
-        A row of a DataFrame is taken by its names. Raises UnusableInput for another shape, a
-        missing channel and what is no number.
+        A row of a DataFrame and a dict are taken by their names. NaN, and what a mask hides, gives
+        NaN; where a state remembers it, also all forces until `reset`. Raises UnusableInput for
+        another shape, a missing channel and what is no number.
         """
         if self._live is None:
             self._live = predictor_of(self.package)

@@ -73,7 +73,7 @@ class Episode:
     """One contiguous recording at a fixed time step, in SI units, T samples long.
 
     `observation` float32 (T, d), `force` float32 (T, o), `extras` float32 with first axis T.
-    Raises ValueError when an array is of another type or shape, or not finite.
+    Raises ValueError when an array is of another type or shape, not finite, or masked somewhere.
     """
 
     name: str
@@ -270,6 +270,9 @@ def _check_array(
         raise ValueError(f"{name} has 0 samples; leave such an episode out")
     if len(array) != length:
         raise ValueError(f"{name} has {len(array)} samples, where observation has {length}")
+    hidden = np.argwhere(np.ma.getmaskarray(array))
+    if len(hidden):
+        raise ValueError(f"{name} is masked at sample {hidden[0][0]}; leave such samples out")
     if not np.isfinite(array).all():
         first = np.argwhere(~np.isfinite(array))[0]
         raise ValueError(f"{name} is not finite at sample {first[0]}; leave such samples out")

@@ -1,7 +1,7 @@
 """Observations as a caller gives them: a predictor's channels in order, and in their ranges."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,20 +22,22 @@ _SHARE = 0.05  # of the values that may lie further out
 def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> FloatArray:
     """One series (T, d) or several (B, T, d), float32, whose last axis are the channels.
 
-    The columns of a DataFrame are taken by their names, those of an array in the channels' order.
-    Raises UnusableInput for another shape, a missing column and what is no number.
+    The columns of a DataFrame or a dict are taken by their names, those of an array in the
+    channels' order. Raises UnusableInput for another shape, a missing column and what is no number.
     """
     names = [channel.name for channel in channels]
-    if hasattr(observations, "columns"):
-        missing = [name for name in names if name not in observations.columns]
+    table: Any = observations
+    titles = _titles(table)
+    if titles is not None:
+        missing = [name for name in names if name not in titles]
         if missing:
             raise UnusableInput(
                 f"The observations have no column {', '.join(missing)}; give {', '.join(names)}."
             )
-        _require_once(names, list(observations.columns), "The observations have column")
+        _require_once(names, titles, "The observations have column")
     try:
-        if hasattr(observations, "columns"):  # each has a type of its own
-            columns = [real_numbers(observations[name]) for name in names]  # type: ignore[index]
+        if titles is not None:  # each has a type of its own
+            columns = [real_numbers(table[name]) for name in names]
             values = np.column_stack(columns).astype(np.float32, copy=False)
         else:
             values = real_numbers(observations).astype(np.float32, copy=False)
@@ -52,8 +54,15 @@ def series_of(observations: npt.ArrayLike, channels: Sequence[Quantity]) -> Floa
     return values
 
 
+def _titles(table: Any) -> list[object] | None:
+    """What the columns of a DataFrame or a dict are called; None where they have no names."""
+    if isinstance(table, Mapping):
+        return list(table)
+    return list(table.columns) if hasattr(table, "columns") else None
+
+
 def in_order(observation: npt.ArrayLike, channels: Sequence[Quantity]) -> npt.ArrayLike:
-    """One observation in the channels' order: a row of a DataFrame is taken by its names.
+    """One observation in the channels' order: a row of a DataFrame and a dict go by their names.
 
     Whatever has no names is left as it is, also what cannot be used. Raises UnusableInput for a row
     that lacks a channel or has two of one name.
@@ -74,6 +83,8 @@ def in_order(observation: npt.ArrayLike, channels: Sequence[Quantity]) -> npt.Ar
 
 def _labels(row: Any) -> list[object]:
     """What the values of a row are called, as `iterrows` and `itertuples` give it; or nothing."""
+    if isinstance(row, Mapping):
+        return list(row)
     if isinstance(row, tuple):
         fields = list(getattr(row, "_fields", ()))
         # Where columns have no names, pandas counts them: _0, _1.
@@ -92,12 +103,14 @@ def _require_once(names: Sequence[str], labels: Sequence[object], has: str) -> N
 def real_numbers(given: npt.ArrayLike) -> npt.NDArray[np.generic]:
     """What was given as an array of integers, floats or truth values, of any shape.
 
-    An array of objects is one, too, where each is such a number.
+    An array of objects is one, too, where each is such a number. What a mask hides is NaN.
 
     ValueError says what else it holds: text, None, complex numbers, dates, lists of several
     lengths, and integers that no float can hold.
     """
     try:
+        if isinstance(given, np.ma.MaskedArray) and given.dtype.kind in _REAL:
+            given = np.asarray(np.ma.filled(given.astype(np.float64), np.nan))
         values = np.asarray(given)
         if values.dtype.kind == "O" and all(isinstance(v, _NUMBERS) for v in values.flat):
             values = values.astype(np.float64)  # as of a table whose columns are of several kinds
