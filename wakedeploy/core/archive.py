@@ -4,10 +4,11 @@ In: a file or its bytes. Out: its arrays by name. Nothing is unpickled, and no m
 an array's own bytes do not fill: NumPy's reader believes a header that says ten gigabytes.
 """
 
+import contextlib
 import io
 import math
 import zipfile
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -38,14 +39,33 @@ def read_archive(file: Path | bytes, names: Collection[str] | None = None) -> Ar
         return _arrays(opened, names)
 
 
+def arrays_in(file: Path) -> dict[str, bool]:
+    """Whether each array of an archive can be read, by its header: pickled objects cannot.
+
+    Raises OSError and ValueError as `read_archive` does.
+    """
+    with file.open("rb") as opened, _opened(opened) as archive:
+        return {
+            name: not _header(name, archive.open(entry))[2].hasobject
+            for name, entry in _entries(archive).items()
+        }
+
+
 def _arrays(file: IO[bytes], names: Collection[str] | None) -> Arrays:
+    with _opened(file) as archive:
+        return {
+            name: _array(name, _content(archive, entry))
+            for name, entry in _entries(archive).items()
+            if names is None or name in names
+        }
+
+
+@contextlib.contextmanager
+def _opened(file: IO[bytes]) -> Iterator[zipfile.ZipFile]:
+    """An archive; whatever goes wrong while it is open is an OSError or a ValueError."""
     try:
         with zipfile.ZipFile(file) as archive:
-            return {
-                name: _array(name, _content(archive, entry))
-                for name, entry in _entries(archive).items()
-                if names is None or name in names
-            }
+            yield archive
     except (OSError, ValueError):
         raise
     except Exception as error:  # zip, zlib and NumPy's parser of headers each raise their own
@@ -77,10 +97,7 @@ def _content(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
 def _array(name: str, content: bytes) -> NDArray[Any]:
     """An array of numbers or text whose header says neither more nor less than its bytes hold."""
     reading = io.BytesIO(content)
-    read_header = _HEADERS.get(np.lib.format.read_magic(reading))
-    if read_header is None:
-        raise ValueError(f"{name} is of a version of NumPy's format that is not known")
-    shape, by_column, kind = read_header(reading)
+    shape, by_column, kind = _header(name, reading)
     if kind.hasobject:
         raise ValueError(f"{name} holds pickled objects, which are not read")
     count, held = math.prod(shape), len(content) - reading.tell()
@@ -88,3 +105,11 @@ def _array(name: str, content: bytes) -> NDArray[Any]:
         raise ValueError(f"{name} has {held} bytes for {shape} of {kind}")
     values = np.frombuffer(content, kind, count, reading.tell()).copy()
     return values.reshape(shape, order="F" if by_column else "C")
+
+
+def _header(name: str, reading: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """The shape, whether columns come first, and the kind of an array; its numbers are next."""
+    read_header = _HEADERS.get(np.lib.format.read_magic(reading))
+    if read_header is None:
+        raise ValueError(f"{name} is of a version of NumPy's format that is not known")
+    return read_header(reading)

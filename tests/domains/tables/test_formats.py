@@ -527,6 +527,33 @@ def test_a_table_whose_rows_hold_several_columns_is_read_field_by_field(
     assert np.column_stack(list(recording.columns.values())) == pytest.approx(table["q"])
 
 
+def test_objects_of_python_in_an_archive_are_named_and_the_columns_beside_them_are_read(
+    tmp_path: Path,
+) -> None:
+    """As np.savez writes a dict of settings, or a column with None in it."""
+    t = np.arange(200) / 50.0
+    held = {"t": t, "q": np.sin(t), "config": np.array({"gain": 2.0}), "u": np.array([None, 1.0])}
+    for name in ("a.npz", "b.npz"):
+        np.savez(tmp_path / name, **held)
+    guessed = guess_columns(tmp_path)
+    for name in ("config", "u"):
+        assert f"# Not listed: {name} holds pickled objects of Python, which are not" in guessed
+    (recording,) = read(tmp_path / "a.npz", guessed.replace('"unused"', '"output"'))
+    np.testing.assert_allclose(recording.columns["q"], np.sin(t))
+    with pytest.raises(UnusableInput, match=r"column 'config' holds pickled objects .* save it as"):
+        read(tmp_path / "a.npz", guessed + column("config", "config"))
+
+
+def test_a_folder_whose_logs_cannot_be_read_tells_of_the_first(tmp_path: Path) -> None:
+    (tmp_path / "notes.md").write_text("# none", "utf-8")
+    with pytest.raises(UnusableInput, match="no log in a known format"):
+        guess_columns(tmp_path)
+    for name in ("b.npz", "a.npz"):
+        (tmp_path / name).write_bytes(b"PK\x03\x04 and no more")
+    with pytest.raises(UnusableInput, match=r"a\.npz: cannot be read \(damaged"):
+        guess_columns(tmp_path)
+
+
 def test_durations_of_parquet_are_seconds(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     path = tmp_path / "log.parquet"

@@ -48,7 +48,13 @@ from wakedeploy.domains.tables.guess_clocks import clocks_of
 from wakedeploy.domains.tables.guess_left_out import comments_on, left_out
 from wakedeploy.domains.tables.guess_orientation import Quaternion, quaternions_in
 from wakedeploy.domains.tables.log import Field, Log, Values
-from wakedeploy.domains.tables.log_kinds import is_log, of_bags, open_log, seen_form
+from wakedeploy.domains.tables.log_kinds import (
+    is_log,
+    is_named_as_log,
+    of_bags,
+    open_log,
+    seen_form,
+)
 from wakedeploy.domains.tables.stamps import as_floats
 
 Vector = NDArray[np.float64]
@@ -139,17 +145,18 @@ def guess_columns(
         return _text(path, [("", open_log(path, form))], form, asked, rate_hz)
     files = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     form = _form_of(files)
-    logs = []
+    logs, refusals = [], []
     for file in files:
         try:
             logs.append((file.name, open_log(file, form)))
-        except UnusableInput:
-            continue
+        except UnusableInput as refusal:
+            refusals += [refusal] if is_named_as_log(file) else []
     bags = of_bags(path)
     if bags is not None and not any(_has_numbers(log) for _, log in logs):
         raise bags
     if not logs:
-        raise UnusableInput(f"{path}: contains no log in a known format; give one log file.")
+        unknown = UnusableInput(f"{path}: contains no log in a known format; give one log file.")
+        raise refusals[0] if refusals else unknown
     kinds = _by_layout(logs)
     if len(kinds) == 1 and len(logs) > 1:
         return _text(path, [("", logs[0][1])], form, asked, rate_hz, _of_one_kind(path, logs))

@@ -81,7 +81,7 @@ def _parts(folder: Path) -> list[Path]:
     rosbag2 numbers them from 0 on behind the bag's name, which is the folder's. MCAP files of other
     names may be recordings of their own, and so may files with other numbers.
     """
-    files = [p for p in folder.iterdir() if p.is_file() and _is_named_as_log(p)]
+    files = [p for p in folder.iterdir() if p.is_file() and is_named_as_log(p)]
     stems = {_NUMBER.sub("", p.stem) for p in files}
     kinds = {p.suffix.lower() for p in files}
     numbers = [int(number[1]) for p in files if (number := _NUMBER.search(p.stem))]
@@ -90,7 +90,8 @@ def _parts(folder: Path) -> list[Path]:
     return files if is_bag and is_one and len(stems) == 1 else []
 
 
-def _is_named_as_log(path: Path) -> bool:
+def is_named_as_log(path: Path) -> bool:
+    """Whether a file is a log by how its name ends; `.txt` may be any text."""
     return path.suffix.lower() in _FORMATS and path.suffix.lower() != ".txt"
 
 
@@ -100,7 +101,7 @@ def of_bags(folder: Path) -> UnusableInput | None:
     Who keeps tables beside them has taken these from the bags, and means them.
     """
     inside = sorted(folder.iterdir())
-    if any(_is_named_as_log(p) for p in inside):
+    if any(is_named_as_log(p) for p in inside):
         return None
     old = next((p for p in inside if p.suffix.lower() == ".bag" and p.is_file()), None)
     if old is not None:
