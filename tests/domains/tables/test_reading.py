@@ -214,6 +214,25 @@ def test_a_number_that_stands_for_no_reading(mark: float, tmp_path: Path) -> Non
     assert held.recordings[0].columns["u"].max() < 22.0
 
 
+def test_a_single_number_far_from_all_others_is_said_and_may_be_left_out(tmp_path: Path) -> None:
+    """A glitch of a bus; a motion that has a tail or a step is none."""
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=400)
+    values[[120, 300]] = 9e7, -40.0
+    path = write(tmp_path / "log.csv", list(np.arange(400) / 100), list(values))
+    note = one_note(path, BASE + U)
+    assert "2 numbers, such as 90000000 in line 122, far from all others" in note
+    marked = BASE + U + note.rpartition("say ")[2] + '\nmissing = "hold"\n'
+    (recording,) = reading(path, marked).recordings
+    assert np.abs(recording.columns["u"]).max() < 5.0
+    values[[120, 300]], values[::50] = 0.0, 1e3 * np.arange(1.0, 9.0)
+    glitches = write(tmp_path / "many.csv", list(np.arange(400) / 100), list(values))
+    assert not reading(glitches, BASE + U).notes  # too many to be single
+    for motion in (rng.standard_t(3, 400), np.sin(np.arange(400) / 9) + 9 * (np.arange(400) > 390)):
+        path = write(tmp_path / "log.csv", list(np.arange(400) / 100), list(motion))
+        assert not reading(path, BASE + U).notes
+
+
 def one_note(path: Path, text: str) -> str:
     (note,) = reading(path, text).notes
     return note

@@ -38,7 +38,7 @@ from wakedeploy.domains.tables.pieces import (
     gap_between,
     longest_silence,
 )
-from wakedeploy.domains.tables.remarks import Remarks, mark_in
+from wakedeploy.domains.tables.remarks import Remarks, mark_in, on_spikes
 from wakedeploy.domains.tables.resampling import even_ticks
 from wakedeploy.domains.tables.series import Place, Series
 from wakedeploy.domains.tables.stamps import (
@@ -345,7 +345,7 @@ class FileReader:
                         f"{place.log.path}, column {place.address!r}: absent = {mark:.10g} stands "
                         "nowhere in it"
                     )
-            said = None if marks else mark_in(part)
+            said = (None if marks else mark_in(part)) or on_spikes(part, place.row)
             if said is not None:
                 self.notes.append(f"{place.log.path}, column {place.address!r}: {said}")
         return parts[0] if angle is None else angle_of(place, angle, parts, self.notes)

@@ -3,7 +3,7 @@
 In: a column in a piece. Out: sentences with the numbers of all pieces together.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,6 +31,8 @@ _FILLED_BY = {  # what stands at the ticks in a silence
 
 _FEWEST_MARKS, _MARKED = 2, 0.2  # of one number, and the share of a log up to which it is a mark
 _FAR_FROM_OTHERS = 5.0  # times the range of all others
+_ENOUGH, _SPIKES = 50, 0.005  # numbers that tell a spike, and the share of them that may be such
+_LISTED = 3  # spikes whose numbers are all said
 
 
 @dataclass
@@ -151,6 +153,39 @@ def mark_in(values: Vector) -> str | None:
                 f"stands for no reading, say absent = [{mark:.10g}]"
             )
     return None
+
+
+def on_spikes(values: Vector, row: Callable[[int], str]) -> str | None:
+    """What to say where a few numbers lie far from all others, as a glitch of a bus leaves them."""
+    spikes = _spikes_in(values)
+    if not len(spikes):
+        return None
+    others = np.delete(values, spikes)
+    far = [f"{value:.10g}" for value in values[spikes]]
+    named = far[0] if len(far) == 1 else f"{len(far)} numbers, such as {far[0]}"
+    mend = f"say absent = [{', '.join(far)}]" if len(far) <= _LISTED else "mend them in the log"
+    return (
+        f"{named} in {row(int(spikes[0]))}, far from all others, {np.nanmin(others):.4g} to"
+        f" {np.nanmax(others):.4g}; if that is no measurement, {mend}"
+    )
+
+
+def _spikes_in(values: Vector) -> NDArray[np.intp]:
+    """Where the numbers are that lie further off the middle than all others, by far; or nowhere.
+
+    Far is several times the range of those others.
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    if len(there) < _ENOUGH:
+        return there[:0]
+    off = np.abs(values[there] - np.median(values[there]))
+    from_middle = np.argsort(off, kind="stable")
+    ordered, off = values[there[from_middle]], off[from_middle]
+    spans = np.maximum.accumulate(ordered)[:-1] - np.minimum.accumulate(ordered)[:-1]
+    is_far = (np.diff(off) > _FAR_FROM_OTHERS * spans) & (spans > 0.0)
+    is_far[: -max(1, int(_SPIKES * len(there)))] = False
+    first = int(np.argmax(is_far)) + 1 if is_far.any() else len(there)
+    return np.sort(there[from_middle[first:]])
 
 
 def _on_blanks(tally: _Tally) -> str:
