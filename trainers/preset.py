@@ -17,7 +17,7 @@ from trainers.build import hyper_parameters
 from trainers.training.fit import FitSettings
 from trainers.training.runs import LONGEST_LEAD_S
 from wakedeploy.core.errors import UnusableInput, one_line
-from wakedeploy.core.files import text_of, toml_of, write_text_whole
+from wakedeploy.core.files import at_home, text_of, toml_of, write_text_whole
 from wakedeploy.core.validation import first_problem
 
 SHIPPED = Path(__file__).with_name("presets")
@@ -70,7 +70,7 @@ def chosen_preset(asked: str, arch: str, domain: str) -> Preset | None:
     """
     if asked == REFERENCE:
         return None
-    chosen = shipped_preset(domain, arch) if asked == TUNED else read_preset(Path(asked))
+    chosen = shipped_preset(domain, arch) if asked == TUNED else read_preset(at_home(Path(asked)))
     if chosen.arch != arch:
         raise UnusableInput(
             f"{asked} is a preset of {chosen.arch}, not of {arch}; train --arch {chosen.arch} with"

@@ -127,6 +127,23 @@ def test_what_is_no_path_is_named(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_tilde_is_the_home_folder_and_no_folder_of_that_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home, here = tmp_path / "home", tmp_path / "here"
+    for folder in (home / "rigs", here):
+        folder.mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(here)
+    RIG.write("~/rigs/rig.toml")
+    small_set().write(Path("~/set"))
+    assert wd.EpisodeSet.read("~/set").sha256 == small_set().sha256
+    assert wd.read_rig("~/rigs/rig.toml") == RIG
+    with pytest.raises(wd.UnusableInput, match=f"^{home}/none.onnx: cannot be read"):
+        wd.load("~/none.onnx")
+    assert list(here.iterdir()) == []
+
+
 def test_a_place_where_no_file_can_be_written_is_told_as_a_command_tells_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,6 +20,24 @@ def typed(line: str) -> Result:
     return CliRunner().invoke(main, line.split(), prog_name="wakedeploy")
 
 
+def test_a_tilde_that_the_shell_left_is_the_home_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bash keeps it behind `=`; a word that is no local path keeps it for the other machine."""
+    home, here = tmp_path / "home", tmp_path / "here"
+    for folder in (home, here):
+        folder.mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(here)
+    assert typed("data make gantry --minutes 1 --out=~/sets/a").exit_code == 0
+    assert (home / "sets" / "a" / "dataset.json").is_file()
+    assert list(here.iterdir()) == []
+    told = typed("deploy nowhere.invalid --rollback --directory=~/rig")
+    assert str(home) not in told.output
+    assert typed("data make gantry --minutes 1 --out=~here").exit_code == 0
+    assert [path.name for path in here.iterdir()] == ["~here"]
+
+
 def test_the_names_are_those_that_there_are() -> None:
     assert tuple(BUILT) == architectures()
     assert tuple(STUDIED) == domains()

@@ -19,6 +19,7 @@ from wakedeploy.api.predictors import Predictor
 from wakedeploy.api.scores import About, about_run
 from wakedeploy.core.caller import Warn
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import path_from
 from wakedeploy.core.manifest import FloatArray, ObservationChannel, Quantity
 from wakedeploy.core.misfit import misfit
 from wakedeploy.gap.progress import Progress
@@ -74,7 +75,7 @@ def contenders(
     where there is none, where none fits, and where one that was named does not fit.
     """
     if isinstance(given, str | os.PathLike):
-        found = _at(Path(given), data, place, progress, warn)
+        found = _at(path_from(given, "runs"), data, place, progress, warn)
     else:
         found = [_contender(each) for each in _several(given)]
         _require_fit(found, data, place)

@@ -366,7 +366,7 @@ def _rig_path(given: Any) -> Path:
         raise UnusableInput(
             f"{given!r:.60} is no rig file and no system; give a path, or a System of your own."
         )
-    path = Path(given)
+    path = path_from(given, "rig")
     if is_mjcf(path):
         raise UnusableInput(f"{path} {OF_MJCF}")
     return path

@@ -16,7 +16,7 @@ from wakedeploy.api.compiled import AsC, c_of_package, c_of_run, wish_of
 from wakedeploy.api.display import html_table
 from wakedeploy.api.inputs import PathLike, episode_set, path_of, rig_of
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.files import path_from
+from wakedeploy.core.files import at_home, path_from
 from wakedeploy.core.manifest import FloatArray, Manifest
 from wakedeploy.core.observations import in_order, series_of, warn_out_of_range
 from wakedeploy.core.package import Package
@@ -186,8 +186,9 @@ def load(path: PathLike) -> Predictor:
             what no package may.
     """
     require_path(path)
-    _refuse_run(Path(path))
-    return Predictor(read_flyable(Path(path)), Path(path))
+    place = path_from(path, "path")
+    _refuse_run(place)
+    return Predictor(read_flyable(place), place)
 
 
 def require_path(package: object) -> None:
@@ -260,12 +261,12 @@ def export(
     if c is None or wish is None:
         return Predictor(made, path)
     steps = _writing_c(progress)
-    return _predictor_of_c(c_of_run(made, trained, Path(c), wish, episodes, steps))
+    return _predictor_of_c(c_of_run(made, trained, path_from(c, "c"), wish, episodes, steps))
 
 
 def _is_file(run: object) -> TypeGuard[PathLike]:
     """Whether a file is named, which is a package: a run is a folder."""
-    return isinstance(run, str | os.PathLike) and Path(run).is_file()
+    return isinstance(run, str | os.PathLike) and at_home(Path(run)).is_file()
 
 
 def _package_as_c(
@@ -283,7 +284,7 @@ def _package_as_c(
         raise UnusableInput(f"{package.path}: is C already; give its package or its run.")
     wish, episodes = wish_of(path_from(c, "c"), as_c), None if data is None else episode_set(data)
     steps = _writing_c(progress)
-    return _predictor_of_c(c_of_package(package, Path(c), wish, episodes, steps))
+    return _predictor_of_c(c_of_package(package, path_from(c, "c"), wish, episodes, steps))
 
 
 def _predictor_of_c(folder: "CFolder") -> Predictor:

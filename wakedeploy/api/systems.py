@@ -72,7 +72,7 @@ def system_of(given: SystemLike) -> System:
         raise UnusableInput(
             f"system is {given!r:.60}: give a class of a wd.System, an object of it, or its file."
         )
-    return read_system(Path(given))
+    return read_system(path_from(given, "system"))
 
 
 def recordings_of(

@@ -164,7 +164,7 @@ def train(
     folder = path_from(out, "out")
     data = episode_set(data)
     of_preset = architectures() if preset in (REFERENCE, TUNED) else None
-    names = _names(arch) or of_preset or (read_preset(Path(preset)).arch,)
+    names = _names(arch) or of_preset or (read_preset(path_from(preset, "preset")).arch,)
     changed = _changed(hyper or {}, names)
     lead_s = chosen_lead_s(data, lead_s)
     presets = {name: usable_preset(preset, name, data, lead_s, warn) for name in names}

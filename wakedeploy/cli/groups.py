@@ -3,9 +3,11 @@
 import shlex
 import sys
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import click
 
+from wakedeploy.core.files import at_home
 from wakedeploy.core.names import meant, near
 
 _UNCUT = 10_000
@@ -124,7 +126,8 @@ class Group(click.Group):
         """The command that is meant."""
         given = PROPER_NAMES.get(args[0].lower(), args[0])
         name = meant(given, self.list_commands(ctx)) or args[0]
-        return super().resolve_command(ctx, [name, *args[1:]])
+        path, command, rest = super().resolve_command(ctx, [name, *args[1:]])
+        return path, command, rest if command is None else _at_home(command, rest)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands, each with its first sentence."""
@@ -135,6 +138,17 @@ class Group(click.Group):
         ]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
+
+
+def _at_home(command: click.Command, args: list[str]) -> list[str]:
+    """The arguments with the home folder for `~` in `--out=~/runs`, which bash leaves as it is."""
+    paths = {flag for p in command.params if isinstance(p.type, click.Path) for flag in p.opts}
+    found = []
+    for each in args:
+        flag, _, value = each.partition("=")
+        is_at_home = flag in paths and value.split("/", 1)[0] == "~"
+        found.append(f"{flag}={at_home(Path(value))}" if is_at_home else each)
+    return found
 
 
 def answered(error: click.UsageError) -> click.UsageError:

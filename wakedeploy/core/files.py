@@ -29,12 +29,24 @@ def path_from(given: object, name: str) -> Path:
     """The path that an argument of this name gives; UnusableInput for what is none, such as a list.
 
     Text and what stands for it are paths, as everywhere in Python; bytes are not, nor is an empty
-    text, which would be the current folder.
+    text, which would be the current folder. `~` is the home folder.
     """
     text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
     if not isinstance(text, str) or not text:
         raise UnusableInput(f"{name} is {given!r:.60}: give a path, as text or as a Path.")
-    return Path(text)
+    return at_home(Path(text))
+
+
+def at_home(path: Path) -> Path:
+    """The path with the home folder for a first part `~`, as a shell has it.
+
+    As a name, it would make a folder that nobody dares to delete by its name.
+    """
+    is_meant = path.parts[:1] == ("~",)
+    try:
+        return path.expanduser() if is_meant else path
+    except RuntimeError:  # nobody has told where it is
+        return path
 
 
 def absent(path: Path, accepted: str) -> str:
