@@ -242,8 +242,14 @@ GOOD = np.zeros((5, 2), np.float32)
             r"episode '\S+': observation is float64, not float32; give it as \.astype\(np\.float32",
         ),
         ({"observation": GOOD, "force": GOOD[:3, :1]}, "force has 3 samples"),
-        ({"observation": GOOD, "force": GOOD[:, 0]}, r"force has shape \(5,\)"),
-        ({"observation": GOOD + np.float32("nan"), "force": GOOD[:, :1]}, "not finite at sample 0"),
+        (
+            {"observation": GOOD, "force": GOOD[:, 0]},
+            r"force has shape \(5,\), not \(T, channels\); give it as \[:, np\.newaxis\]",
+        ),
+        (
+            {"observation": GOOD + np.float32("nan"), "force": GOOD[:, :1]},
+            "not finite at sample 0; end the episode before it, and begin another",
+        ),
         ({"observation": GOOD[:, :1], "force": GOOD[:, :1]}, "1 columns, 2 channels"),
         ({"observation": GOOD[:4], "force": GOOD[:4, :1]}, "has 4 samples, dataset.json says 5"),
         ({"observation": np.array([{}] * 5, object), "force": GOOD[:, :1]}, "pickle"),
@@ -428,8 +434,11 @@ def test_an_episode_has_a_name_and_a_sample() -> None:
         Episode(3, some, some)
     with pytest.raises(ValueError, match=r"^episode .a.: observation has 0 samples; leave such"):
         Episode("a", none, none)
+    for no_array, kind in (([[0.0]] * 3, "list"), (memoryview(some), "memoryview")):
+        with pytest.raises(ValueError, match=rf"force is a {kind}, not an array; give np\.asarray"):
+            Episode("a", some, no_array)
     hidden = np.ma.masked_array(some, [[0], [0], [1]])
-    with pytest.raises(ValueError, match=r"^episode .a.: force is masked at sample 2; leave such"):
+    with pytest.raises(ValueError, match=r"^episode .a.: force is masked at sample 2; end"):
         Episode("a", some, hidden)
 
 

@@ -260,22 +260,29 @@ def stated_contents(folder: Path) -> StatedContents | None:
 def _check_array(
     name: str, array: Array, length: int | None, dimensions: int | None = None
 ) -> None:
-    if not isinstance(array, np.ndarray) or array.dtype != np.float32:
-        kind = getattr(array, "dtype", type(array))
-        raise ValueError(f"{name} is {kind}, not float32; give it as .astype(np.float32)")
+    if not isinstance(array, np.ndarray):
+        kind = type(array).__name__
+        raise ValueError(f"{name} is a {kind}, not an array; give np.asarray(…, np.float32) of it")
+    if array.dtype != np.float32:
+        raise ValueError(f"{name} is {array.dtype}, not float32; give it as .astype(np.float32)")
     if array.ndim == 0 or dimensions not in (None, array.ndim):
-        raise ValueError(f"{name} has shape {array.shape}, not (T, channels)")
+        column = "; give it as [:, np.newaxis]" if array.ndim == 1 else ""
+        raise ValueError(f"{name} has shape {array.shape}, not (T, channels){column}")
     length = len(array) if length is None else length
     if length == 0:
         raise ValueError(f"{name} has 0 samples; leave such an episode out")
     if len(array) != length:
         raise ValueError(f"{name} has {len(array)} samples, where observation has {length}")
-    hidden = np.argwhere(np.ma.getmaskarray(array))
-    if len(hidden):
-        raise ValueError(f"{name} is masked at sample {hidden[0][0]}; leave such samples out")
-    if not np.isfinite(array).all():
-        first = np.argwhere(~np.isfinite(array))[0]
-        raise ValueError(f"{name} is not finite at sample {first[0]}; leave such samples out")
+    is_hidden = np.ma.getmaskarray(array)
+    is_number = np.isfinite(np.ma.getdata(array)) & ~is_hidden
+    if not is_number.all():
+        at = np.argwhere(~is_number)[0]
+        reason = "masked" if is_hidden[tuple(at)] else "not finite"
+        # Without the sample alone, those behind it would be a step early.
+        raise ValueError(
+            f"{name} is {reason} at sample {at[0]}; end the episode before it, and begin another"
+            " behind it"
+        )
 
 
 def _plain(given: Any) -> Any:
