@@ -408,3 +408,17 @@ def test_a_study_reads_its_set_from_a_folder() -> None:
         wd.UnusableInput, match=r"read the set from a folder, .* data\.write\(FOLDER\)"
     ):
         wd.tune(echo(), "gru", trials=1)
+
+
+def test_a_number_far_from_all_others_is_told_before_it_is_learned_from(tmp_path: Path) -> None:
+    data, told = echo(), list[str]()
+    wd.train(data, "agile-mlp", epochs=1, out=tmp_path / "a", pictures=False, warn=told.append)
+    assert not any("elsewhere" in sentence for sentence in told)
+    force = data.episodes[2].force.copy()
+    force[31] = 1e5
+    episodes = [*data.episodes]
+    episodes[2] = dataclasses.replace(data.episodes[2], force=force)
+    spoiled = dataclasses.replace(data, episodes=tuple(episodes))
+    wd.train(spoiled, "agile-mlp", epochs=1, out=tmp_path / "b", pictures=False, warn=told.append)
+    (sentence,) = [sentence for sentence in told if "elsewhere" in sentence]
+    assert sentence.startswith(f"f_n is 1e+05 N at sample 31 of episode {episodes[2].name}, and")

@@ -23,6 +23,7 @@ from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.few_samples import few_samples
 from wakedeploy.core.files import path_from
 from wakedeploy.core.names import ALL, architectures, meant, unknown
+from wakedeploy.core.spikes import on_spikes
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
@@ -173,6 +174,8 @@ def train(
         require_same(folder, config)
     _warn_of_long_memory(configs, data, warn)
     _warn_of_few_samples(configs, data, warn)
+    for sentence in on_spikes(data):
+        warn(sentence)
     opened = _opened(tracker, folder, warn)
     beside = functools.cache(lambda warm_up: baselines(data, "test", lead_s, warm_up))
     manner = _Manner(folder, opened, fresh, device, pictures, progress, warn, beside)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.angles import Unwrapped
+from wakedeploy.core.spikes import spikes_in
 from wakedeploy.domains.tables.pieces import gap_between
 from wakedeploy.domains.tables.resampling import is_long, refreshed, stale, usual_step_s
 from wakedeploy.domains.tables.series import Series
@@ -31,7 +32,6 @@ _FILLED_BY = {  # what stands at the ticks in a silence
 
 _FEWEST_MARKS, _MARKED = 2, 0.2  # of one number, and the share of a log up to which it is a mark
 _FAR_FROM_OTHERS = 5.0  # times the range of all others
-_ENOUGH, _SPIKES = 50, 0.005  # numbers that tell a spike, and the share of them that may be such
 _LISTED = 3  # spikes whose numbers are all said
 
 
@@ -157,7 +157,7 @@ def mark_in(values: Vector) -> str | None:
 
 def on_spikes(values: Vector, row: Callable[[int], str]) -> str | None:
     """What to say where a few numbers lie far from all others, as a glitch of a bus leaves them."""
-    spikes = _spikes_in(values)
+    spikes = spikes_in(values)
     if not len(spikes):
         return None
     others = np.delete(values, spikes)
@@ -168,24 +168,6 @@ def on_spikes(values: Vector, row: Callable[[int], str]) -> str | None:
         f"{named} in {row(int(spikes[0]))}, far from all others, {np.nanmin(others):.4g} to"
         f" {np.nanmax(others):.4g}; if that is no measurement, {mend}"
     )
-
-
-def _spikes_in(values: Vector) -> NDArray[np.intp]:
-    """Where the numbers are that lie further off the middle than all others, by far; or nowhere.
-
-    Far is several times the range of those others.
-    """
-    there = np.flatnonzero(np.isfinite(values))
-    if len(there) < _ENOUGH:
-        return there[:0]
-    off = np.abs(values[there] - np.median(values[there]))
-    from_middle = np.argsort(off, kind="stable")
-    ordered, off = values[there[from_middle]], off[from_middle]
-    spans = np.maximum.accumulate(ordered)[:-1] - np.minimum.accumulate(ordered)[:-1]
-    is_far = (np.diff(off) > _FAR_FROM_OTHERS * spans) & (spans > 0.0)
-    is_far[: -max(1, int(_SPIKES * len(there)))] = False
-    first = int(np.argmax(is_far)) + 1 if is_far.any() else len(there)
-    return np.sort(there[from_middle[first:]])
 
 
 def _on_blanks(tally: _Tally) -> str:
