@@ -333,7 +333,11 @@ def _stopping_by_hand(loop: Loop) -> Iterator[None]:
     """Ctrl-C, a polite kill, a closed terminal bring the sufferer down; Ctrl-C again drops it.
 
     Nothing else drops it: a closing terminal is signalled by shell and kernel within a millisecond.
+    Only the main thread hears any of it: in another one, where no rig is flown, all stays as it is.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
 
     def ask(number: int, frame: types.FrameType | None) -> None:
         if loop.stop_asked and number == signal.SIGINT:

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import math
+import multiprocessing
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,26 @@ def flights() -> wd.Flights:
 def test_a_plan_that_no_gantry_flies_is_refused_in_a_sentence(asked, said: str) -> None:
     with pytest.raises(wd.UnusableInput, match=said):
         wd.fly(**asked)
+
+
+def test_a_thread_beside_the_main_one_flies_the_same_and_no_rig(flight: wd.Flight) -> None:
+    """Ctrl-C, which lands a rig's sufferer, is heard by the main thread alone."""
+    with ThreadPoolExecutor(1) as beside:
+        again = beside.submit(wd.fly, seconds=6, seed=4).result()
+        at_rig = beside.submit(wd.fly, port="/dev/ttyACM0", seconds=6)
+        with pytest.raises(wd.UnusableInput, match=r"^port is for a rig, and this is"):
+            at_rig.result()
+    np.testing.assert_array_equal(again["true_z_m"], flight["true_z_m"])
+
+
+def test_a_worker_of_a_pool_flies_several(flights: wd.Flights) -> None:
+    with multiprocessing.get_context("fork").Pool(1) as workers:
+        flown = workers.apply(_rmse_mm, (2,))
+    assert flown == flights.rmse_mm
+
+
+def _rmse_mm(several: int) -> float:
+    return wd.fly(flights=several, seconds=6, seed=4).rmse_mm
 
 
 def test_a_flight_is_the_one_that_the_command_flies(flight: wd.Flight, tmp_path: Path) -> None:

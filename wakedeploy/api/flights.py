@@ -6,7 +6,8 @@ import math
 import numbers
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args, overload
@@ -416,6 +417,7 @@ def request_of(
     for name in _PATHS:
         if name in others:
             others[name] = path_of(others[name], name)
+    _require_stop_by_hand(others)
     if others.get("port") is not None:
         others["port"] = os.fspath(path_from(others["port"], "port"))
     return RunRequest(
@@ -427,6 +429,16 @@ def request_of(
         log=path_of(log, "log"),
         **others,
     )
+
+
+def _require_stop_by_hand(place: Mapping[str, object]) -> None:
+    """UnusableInput for a rig in a thread beside the main one, which alone hears Ctrl-C."""
+    asked = next((n for n in ("port", "arm_file") if place.get(n) is not None), None)
+    if asked is not None and threading.current_thread() is not threading.main_thread():
+        raise UnusableInput(
+            f"{asked} is for a rig, and this is not the main thread, which alone hears Ctrl-C; fly"
+            " it there, or in a process of its own."
+        )
 
 
 def _require_plan(seconds: object, seed: object) -> None:

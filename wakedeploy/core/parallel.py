@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
 from wakedeploy.core.errors import CheckFailed
-from wakedeploy.core.processes import default_workers, one_thread, pool
+from wakedeploy.core.processes import default_workers, may_start_others, one_thread, pool
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -27,12 +27,13 @@ def parallel_map(
 ) -> list[Result]:
     """`work` of each job, on `workers` processes (None: `default_workers`), in this one if it is 1.
 
-    `work` must be a function of a module. Processes are copies of this one, or `fresh` ones of one
-    thread: torch does not survive a copy. `on_done(job, result)` and `steps(done, total)` are
-    called as jobs are done, in any order. The first failure, Ctrl-C included, ends all processes.
+    So it is in a process that may start none, as a worker of a `multiprocessing.Pool`. `work` must
+    be a function of a module. Processes are copies of this one, or `fresh` ones of one thread:
+    torch does not survive a copy. `on_done(job, result)` and `steps(done, total)` are called as
+    jobs are done, in any order. The first failure, Ctrl-C included, ends all processes.
     Raises what `work` raises, and CheckFailed where the system killed a process.
     """
-    workers = min(workers or default_workers(), len(jobs))
+    workers = min(workers or default_workers(), len(jobs)) if may_start_others() else 1
     results: dict[int, Result] = {}
 
     def keep(place: int, result: Result) -> None:

@@ -26,6 +26,11 @@ def default_workers() -> int:
     return min(os.cpu_count() or 1, MOST_WORKERS)
 
 
+def may_start_others() -> bool:
+    """Whether this process may start others: Python lets no worker of a `multiprocessing.Pool`."""
+    return not multiprocessing.current_process().daemon
+
+
 @contextlib.contextmanager
 def deaf_to_ctrl_c() -> Iterator[None]:
     """Processes spawned in the block never hear Ctrl-C, which a terminal sends to all of a group.
@@ -114,10 +119,10 @@ def pool(
 def processes(workers: int) -> Iterator[Map]:
     """A `map` over that many processes; results come in order.
 
-    With one worker everything happens in this process, which may be one that must not start others
-    (a worker of a sweep).
+    With one worker everything happens in this process, and also in one that may start no others (a
+    worker of a sweep, or of a `multiprocessing.Pool`).
     """
-    if workers <= 1:
+    if workers <= 1 or not may_start_others():
         yield map
         return
     with pool(workers) as several:
