@@ -39,7 +39,7 @@ from wakedeploy.core.figures import showing_itself
 from wakedeploy.core.files import path_from, sha256_of
 from wakedeploy.core.manifest import FloatArray
 from wakedeploy.core.misfit import misfit
-from wakedeploy.core.observations import series_of, warn_out_of_range
+from wakedeploy.core.observations import series_of, warn_of_other_rate, warn_out_of_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,10 +69,13 @@ class TrainedRun:
         `config.warm_up_steps`. The columns of a DataFrame or a dict are taken by their names,
         those of an array in the order of `config.observation`. Raises UnusableInput for another
         shape, a missing channel or what is no number. Warns by `wd.OutOfRange` where a channel has
-        other values than in training, as in another unit.
+        other values than in training, as in another unit, or where the index of a DataFrame tells
+        another rate.
         """
         given = series_of(observations, self.config.observation)  # (T, d) or (B, T, d)
         warn_out_of_range(given, self.config.observation)
+        if self.predictor.memory.kind != "none":
+            warn_of_other_rate(observations, self.config.rate_hz)
         shape = (*given.shape[:-1], len(self.config.force))
         if given.size == 0:
             return np.empty(shape, np.float32)

@@ -204,6 +204,35 @@ def test_columns_of_a_frame_may_be_numbers_of_several_kinds(predictor: wd.Predic
     assert len(predictor.predict(pandas.DataFrame(columns=names))) == 0
 
 
+def test_a_frame_whose_index_tells_another_rate_is_warned_of(predictor: wd.Predictor) -> None:
+    """The tiny packages step at 32 Hz; one without a memory does not care."""
+    pandas = pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    names = [channel.name for channel in predictor.manifest.observation]
+    series = observations(predictor, 40)
+
+    def at(rate_hz: float) -> list[object]:
+        t = np.arange(40) / rate_hz
+        dates = pandas.Timestamp("2026-05-04", tz="Europe/Berlin") + pandas.to_timedelta(t, "s")
+        return [dates, dates.tz_localize(None), pandas.to_timedelta(t, "s"),
+                pandas.Index(t, name="t_s")]  # fmt: skip
+
+    told = predictor.predict(series)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for index in (None, *at(32.1)):
+            frame = pandas.DataFrame(series, columns=names, index=index)
+            np.testing.assert_array_equal(predictor.predict(frame), told)
+    for index in at(100.0):
+        frame = pandas.DataFrame(series, columns=names, index=index)
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            predictor.predict(frame)
+        said = [str(w.message) for w in heard]
+        assert [s.startswith("The rows are 0.01 s apart, 100 Hz, and the") for s in said] == (
+            [] if predictor.manifest.memory.kind == "none" else [True]
+        )
+
+
 def test_other_values_than_in_training_are_warned_of_and_named(predictor: wd.Predictor) -> None:
     """The tiny packages saw -1 to 1 m: a twentieth may lie beyond 1.5, not more."""
     series = np.zeros((100, 2), np.float32)

@@ -18,7 +18,12 @@ from wakedeploy.api.inputs import PathLike, episode_set, path_of, rig_of
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import at_home, path_from
 from wakedeploy.core.manifest import FloatArray, Manifest
-from wakedeploy.core.observations import in_order, series_of, warn_out_of_range
+from wakedeploy.core.observations import (
+    in_order,
+    series_of,
+    warn_of_other_rate,
+    warn_out_of_range,
+)
 from wakedeploy.core.package import Package
 from wakedeploy.gap.progress import Progress, quiet
 
@@ -66,11 +71,13 @@ class Predictor:
         Every call begins with an empty memory and leaves that of `step` alone. The columns of a
         DataFrame or a dict are taken by their names, those of an array in the manifest's order.
         Raises UnusableInput for another shape, a missing channel or what is no number. Warns by
-        `wd.OutOfRange` where a channel has other values than in training, as in another unit;
-        `step` does not.
+        `wd.OutOfRange` where a channel has other values than in training, as in another unit, or
+        where the index of a DataFrame tells another rate; `step` does not.
         """
         given = series_of(observations, self.manifest.observation)  # (T, d) or (B, T, d)
         warn_out_of_range(given, self.manifest.observation)
+        if self.manifest.memory.kind != "none":
+            warn_of_other_rate(observations, self.manifest.rate_hz)
         series = given[None] if given.ndim == 2 else given  # (B, T, d)
         runner = predictor_of(self.package, batch=len(series))
         stepped = [runner.step(newest) for newest in series.swapaxes(0, 1)]  # T times (B, o)

@@ -46,7 +46,7 @@ class CheckFailed(WakedeployError):
 
 
 class OutOfRange(UserWarning):
-    """Observations lie far outside what a predictor has learned from, as in another unit.
+    """Observations are not what a predictor learned from, as in another unit or at another rate.
 
     `warnings.filterwarnings("error", category=wd.OutOfRange)` makes an error of it.
     """

@@ -16,6 +16,7 @@ _NUMBERS = (bool, int, float, np.bool_, np.integer, np.floating)  # as objects o
 _COUNTED = re.compile(r"(_[0-9]+|Index)")
 _BEYOND = 0.25  # of a range's width on either side: also ±3 m/s, read as ±5.8 kn, is outside
 _ALIKE = 1e-3  # of a range's larger end: what is rounded otherwise is no other value
+_OFF_RATE = 0.05  # a share of the rate; beyond, what a memory spans is another length of time
 _SHARE = 0.05  # of the values that may lie further out
 
 
@@ -121,6 +122,33 @@ def real_numbers(given: npt.ArrayLike) -> npt.NDArray[np.generic]:
     if values.dtype.kind not in _REAL and values.size:  # an empty list or frame may be of any kind
         raise ValueError("it holds what is no number")
     return values
+
+
+def warn_of_other_rate(table: Any, rate_hz: float) -> None:
+    """Warn whoever called where the rows of a DataFrame come at another rate [Hz] than they should.
+
+    Its index tells where it holds dates or durations, or seconds as `t_s`.
+    """
+    steps_s = _steps_s(getattr(table, "index", None))
+    if not len(steps_s) or (usual_s := float(np.median(steps_s))) <= 0.0:
+        return
+    if abs(usual_s * rate_hz - 1.0) > _OFF_RATE:
+        warn_caller(
+            f"The rows are {usual_s:.4g} s apart, {1.0 / usual_s:.4g} Hz, and the predictor was"
+            f" trained at {rate_hz:g} Hz: bring them to that rate. Its memory counts rows.",
+            OutOfRange,
+        )
+
+
+def _steps_s(index: Any) -> npt.NDArray[np.float64]:
+    """The steps [s] of an index that tells times; none of any other."""
+    kind = getattr(getattr(index, "dtype", None), "kind", "none")
+    times_s = np.empty(0)
+    if kind in ("m", "M"):
+        times_s = 1e-9 * index.to_numpy(dtype=f"{kind}8[ns]").astype(np.int64)
+    elif kind == "f" and str(index.name).endswith("_s"):
+        times_s = index.to_numpy(dtype=np.float64)
+    return np.asarray(np.diff(times_s), dtype=np.float64)
 
 
 def warn_out_of_range(values: FloatArray, channels: Sequence[ObservationChannel]) -> None:
