@@ -22,11 +22,12 @@ def spikes_in(values: NDArray[np.floating[Any]]) -> NDArray[np.intp]:
     if len(there) < _ENOUGH:
         return there[:0]
     numbers = values[there].astype(np.float64)
-    off = np.abs(numbers - np.median(numbers))
-    from_middle = np.argsort(off, kind="stable")
-    ordered, off = numbers[from_middle], off[from_middle]
-    spans = np.maximum.accumulate(ordered)[:-1] - np.minimum.accumulate(ordered)[:-1]
-    is_far = (np.diff(off) > _FAR * spans) & (spans > 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is absurdly large is refused later
+        off = np.abs(numbers - np.median(numbers))
+        from_middle = np.argsort(off, kind="stable")
+        ordered, off = numbers[from_middle], off[from_middle]
+        spans = np.maximum.accumulate(ordered)[:-1] - np.minimum.accumulate(ordered)[:-1]
+        is_far = (np.diff(off) > _FAR * spans) & (spans > 0.0)
     is_far[: -max(1, int(_FEW * len(there)))] = False
     first = int(np.argmax(is_far)) + 1 if is_far.any() else len(there)
     return np.sort(there[from_middle[first:]])

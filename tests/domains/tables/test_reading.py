@@ -2,6 +2,7 @@
 
 import json
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -228,6 +229,12 @@ def test_a_single_number_far_from_all_others_is_said_and_may_be_left_out(tmp_pat
     values[[120, 300]], values[::50] = 0.0, 1e3 * np.arange(1.0, 9.0)
     glitches = write(tmp_path / "many.csv", list(np.arange(400) / 100), list(values))
     assert not reading(glitches, BASE + U).notes  # too many to be single
+    values[:] = np.repeat([1.6e308, 1.7e308], 200)
+    path = write(tmp_path / "absurd.csv", list(np.arange(400) / 100), list(values))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(UnusableInput, match="is too large for a measurement"):
+            reading(path, BASE + U)
     for motion in (rng.standard_t(3, 400), np.sin(np.arange(400) / 9) + 9 * (np.arange(400) > 390)):
         path = write(tmp_path / "log.csv", list(np.arange(400) / 100), list(motion))
         assert not reading(path, BASE + U).notes
