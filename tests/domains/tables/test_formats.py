@@ -492,6 +492,7 @@ def test_a_guess_tells_a_slower_clock_from_samples_that_are_lost(is_there, says,
         ("t,u\n0.0,1.5\n0.1,1.5\n", '[csv]\ndelimiter = ";"\n',
          r"header is one name, 't,u'; write \[csv\] delimiter = \",\" in"),
         ("t,u\n0.0,x\n0.1,1.5\n", "", "which is no number; mend it, or leave the column out"),
+        ("t,u\n0.0,hover\n0.1,track\n", "", "or write a column of 0 and 1 for each such word"),
     ],
 )  # fmt: skip
 def test_a_table_written_otherwise_is_refused_with_what_to_write(

@@ -107,6 +107,7 @@ def test_files_of_one_layout_are_recordings_of_one_kind(tmp_path: Path) -> None:
     guessed = guess_columns(folder)
     assert guessed.count("[columns.") == 2
     assert "# All 24 files have these columns" in guessed
+    assert "# Ranges below are those of run_00.csv; other files may go further." in guessed
     assert "runs/*.csv" in guessed
     assert "\nfile = " not in guessed
     roles = guessed.replace('"unused"', '"output"')

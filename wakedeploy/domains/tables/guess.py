@@ -180,6 +180,7 @@ def _of_one_kind(path: Path, logs: Sequence[_Named]) -> Sequence[str]:
         f"# All {len(logs)} files have these columns. They are taken as recordings of one kind:",
         f"# give the files, as in {named}, and not the folder. If they are parts of one",
         '# recording, say in each column in which of them it stands, as in file = "left.csv".',
+        f"# Ranges below are those of {plain_line(logs[0][0])}; other files may go further.",
     ]
 
 

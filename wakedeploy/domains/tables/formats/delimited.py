@@ -63,6 +63,7 @@ LONGEST_LINE = 1 << 20
 COMMENT = "#"  # what lines before a header begin with that are none of the table
 _MOST_BEFORE = 300  # lines in which a table begins
 _LOOKED_AT_BYTES = 1 << 20  # that show how text is encoded
+_WORD = re.compile(r"[^\W\d_]{2}")  # two letters in a row
 _OF_GZIP = zlib.MAX_WBITS | 16  # as zlib is told that there is a header of gzip
 _NOT_IN_CP1252 = {0x81, 0x8D, 0x8F, 0x90, 0x9D}
 
@@ -478,6 +479,8 @@ class DelimitedLog:
                 'where numbers have commas before their decimals, write [csv] decimal = "," and'
                 f' delimiter = "{written(self.delimiter)}" in columns.toml'
             )
+        if _WORD.search(cell):
+            return "mend it, leave the column out, or write a column of 0 and 1 for each such word"
         return "mend it, or leave the column out"
 
     def _element(self, cell: _Cell, text: str, index: int) -> str:
