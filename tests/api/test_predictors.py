@@ -61,6 +61,20 @@ def test_steps_remember_until_they_are_reset_whatever_is_predicted_between(
     np.testing.assert_array_equal(predictor.step(series[0]), whole[0])
 
 
+def test_a_force_counts_from_the_end_of_the_warm_up_on(predictor: wd.Predictor) -> None:
+    series, late = observations(predictor, 9), predictor.manifest.warm_up_steps
+    for _ in range(2):
+        assert not predictor.ready
+        told = []
+        for newest in series:
+            predictor.step(newest)
+            predictor.predict(series)
+            told.append(predictor.ready)
+        assert told == [step >= late for step in range(1, 10)]
+        assert not copy.copy(predictor).ready
+        predictor.reset()
+
+
 def test_a_data_frames_columns_are_found_by_name(predictor: wd.Predictor) -> None:
     pandas = pytest.importorskip("pandas", reason="the extra notebook is not installed")
     series, names = observations(predictor, 5), [c.name for c in predictor.manifest.observation]

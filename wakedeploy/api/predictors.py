@@ -65,6 +65,11 @@ class Predictor:
         """How far ahead of the newest observation the force is predicted [s]."""
         return self.manifest.lead_s
 
+    @property
+    def ready(self) -> bool:
+        """Whether the newest force of `step` counts: the warm-up is over."""
+        return self._live is not None and self._live.ready
+
     def predict(self, observations: npt.ArrayLike) -> FloatArray:
         """Forces (T, o) for observations (T, d), or (B, T, o) for B series (B, T, d).
 
