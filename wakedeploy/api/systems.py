@@ -33,6 +33,7 @@ from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.duration import long_search
 from wakedeploy.gap.systems.files import read_plain, read_system
+from wakedeploy.gap.systems.late_readings import late_readings
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.own_system import System
@@ -196,6 +197,7 @@ def take(
                 *runaways(model),
                 *long_search(model),
                 *misread(model),
+                *late_readings(model),
                 *cut_outputs(model),
                 *hung_outputs(model),
                 *coupled_forces(model),

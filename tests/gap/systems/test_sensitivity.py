@@ -494,3 +494,21 @@ def test_a_state_that_runs_away_is_named() -> None:
         nothing = np.full((2, 5), np.nan)
         assert np.isnan(mean_squares(nothing)).all()
         assert not weight_of(np.zeros((4, 1)), np.ones((4, 1))).share > 0.0
+
+
+@pytest.mark.parametrize(("late", "said"), [(0, ""), (1, "2 ms late"), (4, "8 ms late")])
+def test_readings_between_the_samples_of_a_system_are_said_to_count_late(late, said):
+    """A sensor that is read each 10 ms, in a log of 500 Hz, so much before a sample of 100 Hz."""
+    time_s = np.arange(2000) / 500.0
+    flow = np.full(2000, np.nan)
+    flow[5 - late :: 5] = 0.2 + 0.1 * np.sin(time_s[5 - late :: 5])
+    log = Recording("made", time_s, {"command_pct": 0.5 * np.sin(time_s), "flow": flow})
+    told = [note for note in column_notes(LogModel(_valve(), [log])) if " late on average" in note]
+    assert [said in note for note in told] == ([True] if said else [])
+
+
+def test_readings_at_each_row_of_a_finer_log_are_in_time():
+    time_s = np.arange(2000) / 500.0
+    columns = {"command_pct": 0.5 * np.sin(time_s), "flow": 0.2 + 0.1 * np.sin(time_s)}
+    log = Recording("made", time_s, columns)
+    assert "late on average" not in "\n".join(column_notes(LogModel(_valve(), [log])))

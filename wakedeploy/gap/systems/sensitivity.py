@@ -25,6 +25,7 @@ from wakedeploy.gap.search.first_look import changes
 from wakedeploy.gap.systems.calls import attempted
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.duration import long_search
+from wakedeploy.gap.systems.late_readings import late_readings
 from wakedeploy.gap.systems.likelihood.blocks import SHORTEST, Log, held
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
@@ -140,6 +141,7 @@ def column_notes(model: LogModel) -> list[str]:
             notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
     return [
         *notes,
+        *late_readings(model),
         *hung_outputs(model),
         *coupled_forces(model),
         *bent_inputs(model),
