@@ -34,6 +34,28 @@ def read(path: Path, guessed: str) -> tuple[Recording, ...]:
     return read_recordings([path], parse_columns(guessed)).recordings
 
 
+@pytest.mark.parametrize(
+    ("unit", "end", "step"),
+    [("us", 2**32, 10_000), ("ms", 2**16, 10), ("s", 2**32 / 1e6, 0.01), ("us", 2**31, 10_000)],
+)
+def test_guess_sees_a_counter_that_begins_again(
+    unit: str, end: float, step: float, tmp_path: Path
+) -> None:
+    """A recording of 20 s, as long as it is; 32 bits may have a sign, and begin again below 0."""
+    low = -(2**31) if end == 2**31 else 0
+    stamps = [low + (end - low - 7.5 * 100 * step + step * k) % (end - low) for k in range(2000)]
+    rows = [f"{t:.6f},{k % 7}" for k, t in enumerate(stamps)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"t_{unit},x", *rows]) + "\n")
+    guessed = guess_columns(path)
+    assert f"wraps_at = {end - low:.16g}  # ?" in guessed
+    assert "# about 100 Hz, 19.99 s" in guessed
+    assert "falling" not in guessed
+    given = guessed.replace('"unused"', '"output"')
+    (one,) = read_recordings([path], parse_columns(given)).recordings
+    assert len(one.time_s) == 2000
+
+
 def test_a_clock_that_is_set_back_begins_another_recording(tmp_path: Path) -> None:
     t = np.arange(1000) / 50
     t[600:] -= 5.0

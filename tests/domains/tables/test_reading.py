@@ -731,3 +731,68 @@ def test_a_column_that_is_not_there_is_answered_with_the_near_ones(tmp_path: Pat
         one(path, BASE.replace('"t"', '"T ime"') + U)
     with pytest.raises(UnusableInput, match="has no clock of its own"):
         one(path, "version = 1\n" + U)
+
+
+FOLDER = (
+    BASE
+    + 'unit = "us"\n{time}[resample]\nrate_hz = 100\n'
+    + U.replace('"input"', '"output"')
+    + 'file = "u.csv"\n'
+    + U.replace("[columns.u]", "[columns.v]")
+    + 'file = "v.csv"\n'
+)
+
+
+@pytest.mark.parametrize("starts_us", [(3_000_000, 3_000_000), (5, -5), (-5, 5)])
+def test_a_counter_that_begins_again_goes_on_in_all_files_of_a_recording(
+    starts_us: tuple[int, int], tmp_path: Path
+) -> None:
+    """Also where it begins again between the first row of one file and that of another."""
+    folder = tmp_path / "log"
+    folder.mkdir()
+    for name, start_us in zip("uv", starts_us, strict=True):
+        stamps = [(2**32 - start_us + 10_000 * k) % 2**32 for k in range(500)]
+        write(folder / f"{name}.csv", stamps, [k / 100 for k in range(500)])
+    with pytest.raises(UnusableInput, match=r"counter that .* give \[time\] wraps_at = 4294967296"):
+        one(folder, FOLDER.format(time=""))
+    read = one(folder, FOLDER.format(time="wraps_at = 4294967296\n"))
+    assert read.time_s[-1] - read.time_s[0] == pytest.approx(4.99, abs=0.02)
+    for column in read.columns.values():
+        np.testing.assert_allclose(np.diff(column), 0.01)
+
+
+def test_a_clock_that_was_set_back_is_no_counter_that_begins_again(tmp_path: Path) -> None:
+    """A reboot late in the counter's round, and not at its end."""
+    path = write(tmp_path / "log.csv", [4e9, 4.01e9, 4.02e9, 10_000, 20_000, 30_000], [*range(6)])
+    text = BASE + 'unit = "us"\nwraps_at = 4294967296\n'
+    with pytest.raises(UnusableInput, match=r"falls by 4\.02e\+03 s at line 5"):
+        one(path, text + U)
+    read = reading(path, text + 'falling = "split"\n' + U).recordings
+    assert [r.columns["u"].tolist() for r in read] == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_a_recording_of_several_files_is_split_where_their_clocks_begin_again(
+    tmp_path: Path,
+) -> None:
+    """A board that was started twice: both files have both runs, at rates of their own."""
+    folder = tmp_path / "log"
+    folder.mkdir()
+    for name, step_us in (("u", 10_000), ("v", 20_000)):
+        runs = [range(5_000_000, 7_000_000, step_us), range(1_000_000, 4_000_000, step_us)]
+        values = [t / 1e6 + run for run, stamps in enumerate(runs) for t in stamps]
+        write(folder / f"{name}.csv", [t for stamps in runs for t in stamps], values)
+    text = FOLDER.format(time='falling = "split"\n')
+    first, second = reading(folder, text).recordings
+    for read, begin_s, run in ((first, 5.0, 0), (second, 1.0, 1)):
+        assert read.time_s[0] == pytest.approx(begin_s)
+        np.testing.assert_allclose(read.columns["u"], read.time_s + run)
+        np.testing.assert_allclose(read.columns["v"][::2], read.time_s[::2] + run)
+    write(folder / "v.csv", [*range(1_000_000, 9_000_000, 20_000)], [0] * 400)
+    with pytest.raises(UnusableInput, match=r"u.csv:t has 2 runs, v.csv:t 1; cut the files"):
+        reading(folder, text)
+
+
+@pytest.mark.parametrize("kind", ["format = '%H:%M:%S'", 'nanoseconds = "n"'])
+def test_what_a_counter_counts_is_for_stamps_that_count(kind: str) -> None:
+    with pytest.raises(UnusableInput, match="wraps_at is of stamps in one column that count"):
+        parse_columns(BASE + f"wraps_at = 65536\n{kind}\n" + U)

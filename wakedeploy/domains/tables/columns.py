@@ -65,6 +65,8 @@ class TimeBase(_Table):
     """Which of several numbers that a column has at one stamp is kept."""
     falling: Literal["refuse", "sort", "split"] = "refuse"
     """Stamps that fall: refused, sorted, or the begin of another recording."""
+    wraps_at: float | None = Field(default=None, gt=0)
+    """The counts, in `unit`, after which a counter begins again, as 4294967296 of 32 bits."""
 
     @pydantic.model_validator(mode="after")
     def _one_source(self) -> "TimeBase":
@@ -75,6 +77,8 @@ class TimeBase(_Table):
                 raise ValueError("nanoseconds are for whole seconds in `column`, without a format")
             if self.unit not in (None, "s"):
                 raise ValueError('nanoseconds are for whole seconds in `column`: unit = "s"')
+        if self.wraps_at is not None and (self.format or self.nanoseconds or self.rate_hz):
+            raise ValueError("wraps_at is of stamps in one column that count; delete it")
         if self.rate_hz == 0.0:
             raise ValueError("rate_hz is still 0: give the samples a second, or a column of stamps")
         return self

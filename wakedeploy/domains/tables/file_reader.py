@@ -17,6 +17,7 @@ from wakedeploy.core.even_time import evened, unevenness
 from wakedeploy.core.recording import Origin, Recording
 from wakedeploy.core.units import contradicted, same_dimension
 from wakedeploy.domains.tables.columns import Column, Columns
+from wakedeploy.domains.tables.counters import begun_after, going_on, later, wrap_in
 from wakedeploy.domains.tables.diagnosis import (
     clock_instead,
     far_apart,
@@ -211,10 +212,10 @@ class FileReader:
         numbers = {n: self._numbers(self.wanted[n], p, raw) for n, p in places.items()}
         for name, place in places.items():
             self._require_length(place, numbers[name], seconds[_clock_key(place)])
-        for cut in self._cuts(seconds):
+        for cuts in self._cuts(seconds, places):
             lines = {
-                key: self._timeline(key, places, numbers, stamps[cut], cut.start or 0)
-                for key, stamps in seconds.items()
+                key: self._timeline(key, places, numbers, seconds[key][cut], cut.start or 0)
+                for key, cut in cuts.items()
             }
             yield [
                 self._series(self.wanted[n], p, lines[_clock_key(p)], numbers[n])
@@ -236,6 +237,8 @@ class FileReader:
                 found[key] = self._clock(place, _counted(place, raw))
         if found and is_time_of_day(self.columns.time.format):
             found = self._past_midnight(places, found)
+        if (wraps_at := self.columns.time.wraps_at) is not None:
+            found = _past_wraps(found, wraps_at)
         starts = [whole_start_s(values, seconds) for values, seconds in found.values()]
         origin = origin_s([start for start in starts if start is not None])
         stamps_s = {key: in_seconds(*clock, origin) for key, clock in found.items()}
@@ -281,6 +284,7 @@ class FileReader:
         except ValueError as error:
             advice = "correct its unit in [time], or time_unit"
             raise place.clock_refused(f"has no unit of time: {error}", advice) from error
+        self._require_no_wrap(place, numbers)
         named = contradicted(place.clock.address.partition("[")[0].lower(), unit)
         is_one = form is None and place.clock.nanoseconds is None
         if is_one and named is not None and same_dimension(named, "s"):
@@ -289,6 +293,15 @@ class FileReader:
                 f" its name says {named}; check the unit in [time], or time_unit"
             )
         return numbers, seconds
+
+    def _require_no_wrap(self, place: Place, numbers: Values) -> None:
+        """Refuse a counter that begins again where nobody said what to do about that."""
+        base = self.columns.time
+        is_open = base.wraps_at is None and base.falling == "refuse"
+        if is_open and (end := wrap_in(numbers)) is not None:
+            row = place.row(int(np.argmax(np.diff(numbers.astype(np.float64)) < 0)) + 1)
+            advice = f"give [time] wraps_at = {end:.16g}, from where on it then goes on"
+            raise place.clock_refused(f"is a counter that begins again at {row}", advice)
 
     def _timeline(
         self,
@@ -310,15 +323,23 @@ class FileReader:
         self.notes += [f"{place.log.path}{called}: {note}" for note in notes]
         return line
 
-    def _cuts(self, seconds: Mapping[_Key, Vector]) -> list[slice]:
+    def _cuts(
+        self, seconds: Mapping[_Key, Vector], places: Mapping[str, Place]
+    ) -> list[dict[_Key, slice]]:
+        """The rows of each clock in each piece between falls; all clocks fall equally often."""
         if self.columns.time.falling != "split":
-            return [slice(None)]
-        if len(seconds) > 1:
+            return [dict.fromkeys(seconds, slice(None))]
+        pieces = {key: between_falls(stamps_s) for key, stamps_s in seconds.items()}
+        counts = {key: len(cuts) for key, cuts in pieces.items()}
+        if len(set(counts.values())) > 1:
+            most, fewest = (f(counts, key=counts.__getitem__) for f in (max, min))
+            called = {_clock_key(place): place.stamped_by for place in places.values()}
             raise UnusableInput(
-                f'{self.path}: [time] falling = "split" is for logs of one clock, and here are'
-                f' {len(seconds)}; give "sort" or "refuse".'
+                f'{self.path}: [time] falling = "split" needs clocks that begin again equally '
+                f"often, and {called[most]} has {counts[most]} runs, {called[fewest]} "
+                f"{counts[fewest]}; cut the files where a recording ends."
             )
-        return between_falls(next(iter(seconds.values())))
+        return [dict(zip(pieces, cuts, strict=True)) for cuts in zip(*pieces.values(), strict=True)]
 
     def _require_length(self, place: Place, values: Vector, stamps_s: Vector) -> None:
         if len(values) != len(stamps_s):
@@ -536,6 +557,18 @@ def _counted(place: Place, raw: Mapping[tuple[int, str], Values]) -> Values:
         if beyond is None
         else whole_ns(whole, raw[key, beyond], place.row, place.clock_refused)
     )
+
+
+def _past_wraps(
+    found: Mapping[_Key, tuple[Values, Fraction]], wraps_at: float
+) -> dict[_Key, tuple[Values, Fraction]]:
+    """The clocks as counters that go on, also where one part of a recording begins after a wrap."""
+    gone_on = [going_on(values, wraps_at) for values, _ in found.values()]
+    after = begun_after([float(values[0]) for values in gone_on], wraps_at)
+    return {
+        key: (later(values, int(is_after), wraps_at), seconds)
+        for (key, (_, seconds)), values, is_after in zip(found.items(), gone_on, after, strict=True)
+    }
 
 
 def _clock_key(place: Place) -> _Key:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.even_time import unevenness
+from wakedeploy.domains.tables.counters import going_on, wrap_in
 from wakedeploy.domains.tables.guess_rate import usual_hz
 from wakedeploy.domains.tables.guess_time_unit import LARGEST, UNITS, is_dated, time_unit, unit_in
 from wakedeploy.domains.tables.log import Field, Log, Values
@@ -261,11 +262,15 @@ def _clock(log: Log, field: Field) -> Timing | None:
         if np.isnat(numbers).any():
             return None
         numbers, form = numbers.astype("datetime64[ns]").astype(np.int64), "datetime64"
+    wraps_at = None if form else wrap_in(numbers)
+    numbers = numbers if wraps_at is None else going_on(numbers, wraps_at)
     unit, is_guess = ("ns", False) if form else time_unit(numbers, field)
     if unit is None:
         return None
     if form is None:
         lines.append(f"unit = {toml(unit)}" + ("  # ?" if is_guess else ""))
+    if wraps_at is not None:
+        lines.append(f"wraps_at = {wraps_at:.16g}  # ? there its counter begins again")
     start_s = whole_start_s(numbers, seconds_in(unit))
     stamps_s = in_seconds(numbers, seconds_in(unit), origin_s([start_s or 0]))
     if not (np.abs(stamps_s) < _LATEST_S).all():
