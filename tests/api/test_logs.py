@@ -127,3 +127,29 @@ def test_columns_without_names_are_refused_in_words(given):
         wd.Recording("dive", np.arange(6.0), given)
     with pytest.raises(wd.UnusableInput, match=r"^dive: clocks is a list; give a dict"):
         wd.Recording("dive", np.arange(6.0), {"z": np.arange(6.0)}, clocks=["z"])
+
+
+@pytest.mark.parametrize(("every", "first"), [(1, 0), (5, 0), (5, 3)])
+def test_a_replay_says_when_its_samples_are_and_what_was_measured_then(every, first) -> None:
+    """Of a log that is finer than the system, too: a tank that drains with a time constant."""
+
+    class Tank(wd.System):
+        rate_hz = 20.0
+        inputs: ClassVar = [wd.Input("pump_mps", "m/s")]
+        states: ClassVar = {"level_m": "m"}
+        outputs: ClassVar = [wd.Output("level_m", "m")]
+        constants: ClassVar = [wd.Constant("drains_s", 0.7)]
+
+        def derivative(self, state, inputs, c):
+            return {"level_m": inputs.pump_mps - state.level_m / c.drains_s}
+
+    time_s = 3.0 + np.arange(203 * every) / (20.0 * every)
+    level = 2.0 * np.exp(-(time_s - 3.0) / 0.7)
+    level[1:first] = np.nan
+    log = wd.Recording("tank", time_s, {"pump_mps": np.zeros(len(time_s)), "level_m": level})
+    replay = Tank().simulate(log)
+    assert len(replay["level_m"]) == len(replay.time_s) == len(replay.measured["level_m"]) == 203
+    np.testing.assert_allclose(replay.time_s, 3.0 + np.arange(203) / 20.0)
+    truth = 2.0 * np.exp(-(replay.time_s - 3.0) / 0.7)
+    np.testing.assert_allclose(replay["level_m"], truth, rtol=0.01)  # a sample is seven times that
+    np.testing.assert_allclose(replay.measured["level_m"], truth)

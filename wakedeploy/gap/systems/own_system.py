@@ -13,7 +13,8 @@ from wakedeploy.core.files import path_from
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.checks import checked, require_sound
 from wakedeploy.gap.systems.correction import read_correction
-from wakedeploy.gap.systems.system import FloatArray, StateSpace
+from wakedeploy.gap.systems.replay import Replay
+from wakedeploy.gap.systems.system import StateSpace
 
 
 class System(StateSpace):
@@ -51,12 +52,13 @@ class System(StateSpace):
         found.correction = read_correction(path_from(path, "path"), found.name)
         return found
 
-    def simulate(self, recording: Recording) -> dict[str, FloatArray]:
+    def simulate(self, recording: Recording) -> Replay:
         """Every state and output along a recording's inputs, each (n,) at the system's rate.
 
-        It starts where the recording does and sees no measurement afterwards. Raises UnusableInput
-        for what is no recording, or lacks a column, and for a system in which something does not
-        fit.
+        They are by name, as in a dict. A recording may be finer than the system: `time_s` (n,) of
+        what is returned says when, and `measured` what the recording shows then. The replay starts
+        where the recording does and sees no measurement afterwards. Raises UnusableInput for what
+        is no recording, or lacks a column, and for a system in which something does not fit.
         """
         if not isinstance(recording, Recording):
             raise UnusableInput(

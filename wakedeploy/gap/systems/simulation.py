@@ -6,30 +6,33 @@ import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.fits import FloatArray
 from wakedeploy.gap.systems.correction import Named
 from wakedeploy.gap.systems.kinds.library import Effect, offered
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.logs import LogModel
+from wakedeploy.gap.systems.replay import Replay
 from wakedeploy.gap.systems.system import StateSpace
 
 
-def simulated(system: StateSpace, recording: Recording) -> dict[str, FloatArray]:
+def simulated(system: StateSpace, recording: Recording) -> Replay:
     """States and outputs by name, (n,) each, from the recording's first sample and its inputs."""
     model = LogModel(system, [recording])
     acting, values = _acting(model)
     states, shown = model.filter.free_run(acting, {n: np.array([v]) for n, v in values.items()})
     series = dict(zip(acting.system.states, states, strict=False))
-    return series | {o.name: shown[i] for i, o in enumerate(system.outputs)}
+    series |= {o.name: shown[i] for i, o in enumerate(system.outputs)}
+    log = model.logs[0]
+    measured = {o.name: log.outputs[i] for i, o in enumerate(system.outputs)}
+    time_s = recording.time_s[:: log.rows][: log.outputs.shape[1]]
+    return Replay(series, time_s, measured)
 
 
 def replay_error(system: StateSpace, recording: Recording) -> dict[str, float]:
     """Root mean square of measured less simulated, by output."""
-    series = simulated(system, recording)
-    logged = LogModel(system, [recording]).logs[0].outputs
+    replay = simulated(system, recording)
     return {
-        o.name: float(np.sqrt(np.nanmean((logged[i] - series[o.name]) ** 2)))
-        for i, o in enumerate(system.outputs)
+        name: float(np.sqrt(np.nanmean((measured - replay[name]) ** 2)))
+        for name, measured in replay.measured.items()
     }
 
 
