@@ -296,3 +296,32 @@ def test_a_column_that_gets_another_name_loses_the_unit_of_its_own(tmp_path: Pat
     columns = parse_columns("\n".join(followed).replace('"unused"', '"output"'))
     (recording,) = read_recordings([log], columns).recordings
     assert recording.columns["tank_pa"][0] == pytest.approx(0.5e5)
+
+
+@pytest.mark.parametrize(
+    ("header", "asked", "unit", "factor"),
+    [
+        ("enc_deg", "angle_deg", "deg", 1.0), ("enc_rad", "angle_deg", "deg", 180.0 / np.pi),
+        ("tank_kpa", "tank", "bar", 0.01), ("enc_deg", "angle_rad", "rad", np.pi / 180.0),
+    ],
+)  # fmt: skip
+def test_python_reads_a_guessed_column_in_the_systems_unit_too(
+    header: str, asked: str, unit: str, factor: float, tmp_path: Path
+) -> None:
+    """`read_log` knows no system; it refused the name, or gave its replay other numbers."""
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,{header}\n" + "".join(f"{k / 100},{k % 9}\n" for k in range(99)))
+    guessed = guess_columns(path, [Asked(asked, "output", unit)], 100.0)
+    assert ("to = " in guessed) == (unit != "rad")
+    (read,) = read_recordings([path], parse_columns(guessed)).recordings
+    np.testing.assert_allclose(read.columns[asked], [k % 9 * factor for k in range(99)])
+
+
+def test_where_a_sensor_of_a_system_fails_the_recording_goes_on(tmp_path: Path) -> None:
+    """A reading in 50 that failed made 80 recordings of half a second."""
+    path = tmp_path / "log.csv"
+    rows = (f"{k / 100},{k % 7},{'nan' if k % 50 == 9 else k % 9}\n" for k in range(4000))
+    path.write_text("t,motor_v,cart_m\n" + "".join(rows))
+    guessed = guess_columns(path, [VOLTAGE, Asked("cart_m", "output", "m")], 100.0)
+    (read,) = read_recordings([path], parse_columns(guessed)).recordings
+    assert np.flatnonzero(np.isnan(read.columns["cart_m"])).tolist() == list(range(9, 4000, 50))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import SHOWN_ALONE, contradicted, same_unit, si_unit
+from wakedeploy.core.units import SHOWN_ALONE, contradicted, conversion, same_unit, si_unit
 from wakedeploy.domains.tables.columns import Delimited
 from wakedeploy.domains.tables.formats.delimited import DelimitedLog
 from wakedeploy.domains.tables.guess_asked import (
@@ -530,12 +530,28 @@ def _entry(
         unit, remark = match.asked.unit, f"{remark}; taken as the system has it"
     unit = unit or "1"
     yield f"unit = {toml(unit)}{remark}"
+    yield from _to(name, unit, match)
+    if len(there) < len(file.values[field.name]):
+        yield from _missing(file, field.name, match)
+
+
+def _to(name: str, unit: str, match: Match | None) -> Iterator[str]:
+    """The unit that Python's numbers shall have, where it is not the SI unit."""
     if match is None:
         named = contradicted(name, si_unit(unit))
         if named is not None and same_unit(named, unit):
             yield f"to = {toml(unit)}  # as its name says; not under another one"
-    if len(there) < len(file.values[field.name]):
-        yield from _missing(file, field.name)
+    elif _is_converted(unit, match.asked.unit):
+        yield f"to = {toml(match.asked.unit)}  # as the system has it"
+
+
+def _is_converted(unit: str, asked: str) -> bool:
+    """Whether numbers in a unit can be had in the one asked for, which is not the SI unit."""
+    try:
+        conversion(unit, asked)
+        return asked not in SHOWN_ALONE and conversion(asked, si_unit(asked)) != 1
+    except ValueError:
+        return False
 
 
 def _there(file: _File, field: Field) -> Vector:
@@ -579,9 +595,10 @@ def _entry_of_angle(
     yield f'angle = "{angle}"  # or {others}'
     yield from _place(file, base, found.addresses[0])
     yield f'role = "{match.asked.role if match else "unused"}"'
+    yield from _to(name, "rad", match) if match else ()
     numbers = as_floats(file.values[found.addresses[0]])
     if not np.isfinite(numbers).all():
-        yield from _missing(file, found.addresses[0])
+        yield from _missing(file, found.addresses[0], match)
 
 
 def _place(file: _File, base: Timing, name: str) -> Iterator[str]:
@@ -604,10 +621,12 @@ def _doubt(file: _File, name: str) -> str:
     return "  # ? by its name"
 
 
-def _missing(file: _File, name: str) -> Iterator[str]:
-    """What to do where a column has no number."""
+def _missing(file: _File, name: str, match: Match | None) -> Iterator[str]:
+    """What to do where a column has no number: a system's log goes on where a sensor failed."""
     if _is_of_a_stream(file, name):
         yield 'missing = "hold"  # ? a number in some rows only, as rows of others lie between'
+    elif match is not None and match.asked.role == "output":
+        yield 'missing = "nan"  # ? some have no number, and are not measured'
     else:
         yield 'missing = "split"  # ? some have no number; "nan" for a sensor, not for training'
 
