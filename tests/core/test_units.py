@@ -144,7 +144,9 @@ def test_every_unit_that_the_manual_lists_is_known() -> None:
         ("inertia_kgm2", "kg m²"), ("inertia_kg_m2", "kg m²"), ("speed_rpm", "rpm"),
         ("torque_nm_per_a", "N m/A"), ("drop_n_per_ms", "N/(m s)"), ("arm_a", None),
         ("length_m", "m"), ("m", None), ("capacity_j_per_k", "J/K"), ("axis_j", None),
-        ("inflow_per_s", None), ("gain", None),
+        ("inflow_per_s", None), ("gain", None), ("rest_bar", "bar"), ("supply_kpa", "kPa"),
+        ("bar", None), ("torque_nm_per_bar", "N m/bar"), ("density_kg_per_m3", "kg/m³"),
+        ("bore_cm", "cm"), ("supply_psi", "psi"),
     ],
 )  # fmt: skip
 def test_a_name_s_end_says_its_unit(name: str, unit: str | None) -> None:

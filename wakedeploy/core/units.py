@@ -251,10 +251,11 @@ _ENDS = {  # of any name, after a word: what a unit's end stands for
     "deg": "deg", "rpm": "rpm", "hz": "Hz", "nm": "N m", "pa": "Pa", "kgm2": "kg m²", "m2": "m²",
     "mps": "m/s", "mps2": "m/s²", "radps": "rad/s", "radps2": "rad/s²", "mm": "mm", "mv": "mV",
     "dps": "deg/s", "ma": "mA", "us": "us", "ms": "ms", "um": "um", "pct": "%", "percent": "%",
+    "bar": "bar", "mbar": "mbar", "kpa": "kPa", "psi": "psi", "cm": "cm",
 }  # fmt: skip
 # Alone, `arm_a` is no current.
 _ENDS_ABOVE = _ENDS | {"a": "A", "j": "J", "k": "K", "l": "l", "m3": "m³", "s2": "s²"}
-_ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s", "s2": "s²", "min": "min"}
+_ENDS_BELOW = _ENDS | {"a": "A", "k": "K", "ms": "m s", "s2": "s²", "min": "min", "m3": "m³"}
 # In several words above "per". Others may be a quotient, as m_s, or an axis and a unit, as k_n.
 _PRODUCTS = {
     "kg m2": "kg m²", "n m": "N m", "n s": "N s", "n s2": "N s²", "n m s": "N m s",
@@ -264,8 +265,8 @@ _WORD_LETTERS = 3  # of a unit that is written out, as in `steps_per_m`; fewer m
 _NO_UNITS = {"min"}  # above "per": the least of something
 
 _ENDS_BESIDE = {  # that are a unit only beside one of its dimension: `motor_kt` is a constant
-    "cm": ["cm"], "km": ["km"], "kmh": ["kmh"], "kn": ["kN", "knots"], "kt": ["knots"],
-    "kts": ["knots"], "knots": ["knots"], "bar": ["bar"], "mbar": ["mbar"], "kpa": ["kPa"],
+    "km": ["km"], "kmh": ["kmh"], "kn": ["kN", "knots"], "kt": ["knots"], "kts": ["knots"],
+    "knots": ["knots"],
     "mn": ["mN"], "un": ["uN"], "mnm": ["mN m"], "nmm": ["Nmm"], "ncm": ["N cm"], "g": ["g"],
     "mmps": ["mm/s"], "cmps": ["cm/s"], "ua": ["uA"], "mw": ["mW"], "kw": ["kW"], "khz": ["kHz"],
 }  # fmt: skip

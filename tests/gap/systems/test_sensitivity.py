@@ -225,6 +225,24 @@ def test_a_command_that_stands_still_amidst_the_others_is_told(begins_s, lasts_s
     assert ("stands at" in notes) == said
 
 
+def test_what_holds_of_several_logs_is_said_once() -> None:
+    """Five episodes of one task, with a rest in each: it was said five times."""
+    log = _swung(0.4)
+    columns = {name: np.array(values) for name, values in log.columns.items()}
+    columns["command_pct"][200:350] = 0.3
+    columns["flow"][7] = np.nan
+    logs = [Recording(f"episode {k}", log.time_s, columns) for k in range(5)]
+    notes = column_notes(LogModel(_valve(), logs))
+    (told,) = [note for note in notes if "stands at" in note]
+    assert told.endswith("The same holds of 4 more logs.")
+    (missing,) = [note for note in notes if "are not measured" in note]
+    assert missing == "output flow: 0.2% of the samples are not measured."  # 1 of 400
+    columns = {name: np.tile(values, 10) for name, values in log.columns.items()}
+    columns["flow"][7] = np.nan
+    rarely = column_notes(LogModel(_valve(), [Recording("long", np.arange(4000) / 100, columns)]))
+    assert "output flow: under 0.1% of the samples are not measured." in rarely
+
+
 def test_constants_that_no_fit_moves_are_listed_and_those_that_keep_their_sign() -> None:
     told = _notes(0.0)
     assert "taken as exact, for want of a spread: valve_s." in told

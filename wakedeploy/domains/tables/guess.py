@@ -91,6 +91,7 @@ _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"_nmm$", "Nmm"), (r"_mm_?p?_?s$", "mm/s"), (r"_cm_?p?_?s$", "cm/s"),
     (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
     (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"),
+    (r"_bar$", "bar"), (r"_psi$", "psi"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
 )  # fmt: skip
 

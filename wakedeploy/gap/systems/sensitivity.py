@@ -124,8 +124,8 @@ def column_notes(model: LogModel) -> list[str]:
         if any(p.role == "input" and p.name == stated.name for p in model.system.ports):
             notes += _off_zero(stated, values)
         limits = (values.min(), values.max())
-        for log in logs:
-            notes += _frozen(stated, log.name, log.inputs[i], limits, model.dt_s)
+        frozen = [_frozen(stated, log.name, log.inputs[i], limits, model.dt_s) for log in logs]
+        notes += _once([note for each in frozen for note in each])
     cut = cut_outputs(model)
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
@@ -138,7 +138,8 @@ def column_notes(model: LogModel) -> list[str]:
             )
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
-            notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
+            share = "under 0.1%" if missing < 0.0005 else f"{missing:.1%}"
+            notes.append(f"output {shown.name}: {share} of the samples are not measured.")
     return [
         *notes,
         *late_readings(model),
@@ -147,6 +148,13 @@ def column_notes(model: LogModel) -> list[str]:
         *bent_inputs(model),
         *own_notes(model),
     ]
+
+
+def _once(notes: list[str]) -> list[str]:
+    """What is said of the first of several logs, and of how many more."""
+    if len(notes) < 2:
+        return notes
+    return [f"{notes[0]} The same holds of {counted(len(notes) - 1, 'more log')}."]
 
 
 def _silences(stated: Input, recordings: Sequence[Recording]) -> list[str]:
