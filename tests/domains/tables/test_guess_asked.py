@@ -46,6 +46,9 @@ def found(asked: list[Asked], columns: dict[str, str | None]) -> dict[str, str]:
         (Asked("oven_c", "output", "°C"), "Oven (°C)", "°C"),
         (Asked("oven_k", "output", "K"), "oven", "°C"),
         (Asked("größe_v", "input", "V"), "Größe", None),
+        (Asked("knee_rad", "output", "rad"), "/joint_states/knee/position", None),
+        (Asked("knee_radps", "output", "rad/s"), "/joint_states/knee/velocity", None),
+        (Asked("knee_ref_rad", "input", "rad"), "/cmd/knee/position", None),
         (SPEED, "gyro", "deg/s"),
         (VOLTAGE, "/motor.data", None),  # std_msgs/Float64
         (Asked("motor_cmd", "input", "1"), "/boat/motor_cmd.data", None),
@@ -82,6 +85,16 @@ def test_a_column_is_known_by_its_name_or_its_unit(asked: Asked, column: str, un
 )
 def test_what_could_be_two_or_has_another_quantity_is_neither(asked: Asked, columns) -> None:
     assert found([asked], columns) == {}
+
+
+def test_a_joints_reading_is_told_from_what_is_asked_of_it() -> None:
+    """As PlotJuggler writes both, by their topics."""
+    columns = {"/joint_states/knee/position": None, "/cmd/knee/position": None,
+               "/joint_states/knee/velocity": None, "/joint_states/hip/position": None}  # fmt: skip
+    asked = [Asked("knee_target_rad", "input", "rad"), Asked("knee_rad", "output", "rad")]
+    assert found(asked, columns) == {
+        "knee_target_rad": "/cmd/knee/position", "knee_rad": "/joint_states/knee/position",
+    }  # fmt: skip
 
 
 def test_the_word_itself_comes_before_another_for_the_same() -> None:

@@ -234,3 +234,60 @@ def test_names_are_of_the_outermost_list_alone(tmp_path: Path) -> None:
     assert read(path, "/m.pose[b].effort[1]").columns["x"].tolist() == list(range(99))
     with pytest.raises(UnusableInput, match="is not there"):
         read(path, "/m.pose[b].effort[a]")
+
+
+LISTED = """version = 1
+[time]
+column = "t"
+[columns.knee_rad]
+column = "{address}"
+role = "output"
+unit = "rad"
+"""
+HIP, KNEE = np.linspace(0.0, 1.0, 9), np.linspace(3.0, 2.0, 9)
+
+
+@pytest.mark.parametrize(
+    "form", ["[{}, {}]", "({}, {})", "array('d', [{}, {}])", "array([{}, {}])", "[{} {}]"]
+)
+@pytest.mark.parametrize("head", ["", "/joint_states.", "/joint_states/"])
+def test_joints_in_the_cells_of_a_table_are_read_by_their_names(
+    form: str, head: str, tmp_path: Path
+) -> None:
+    """Exports of ROS write lists as their language does; two senders have orders of their own."""
+    path = tmp_path / "log.csv"
+    with path.open("w") as file:
+        file.write(f"t,{head}name,{head}position\n")
+        for k, (hip, knee) in enumerate(zip(HIP, KNEE, strict=True)):
+            called, numbers = "['hip', 'knee']", form.format(hip, knee)
+            if k % 3 == 1:
+                called, numbers = "['knee', 'hip']", form.format(knee, hip)
+            file.write(f'{k / 10},"{called}","{numbers}"\n')
+    guessed = guess_columns(path, [Asked("knee_rad", "output", "rad")])
+    assert f'column = "{head}position[knee]"' in guessed
+    (read,) = read_recordings([path], parse_columns(guessed)).recordings
+    np.testing.assert_allclose(read.columns["knee_rad"], KNEE)
+    by_index = parse_columns(LISTED.format(address=f"{head}position[1]"))
+    told = r"is that of 'hip' in line 3, and above of 'knee'; .*: \"\S*position\[knee\]\"\.$"
+    with pytest.raises(UnusableInput, match=told):
+        read_recordings([path], by_index)
+
+
+def test_a_row_without_the_joint_has_no_number_and_a_list_without_names_is_read_by_index(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{k / 10},\"['{'gripper' if k == 4 else 'knee'}']\",[{k}]\n" for k in range(9)]
+    path.write_text("t,name,position\n" + "".join(rows))
+    text = LISTED.format(address="position[knee]")
+    with pytest.raises(UnusableInput, match="has no number in line 6"):
+        read_recordings([path], parse_columns(text))
+    (read,) = read_recordings([path], parse_columns(text + 'missing = "nan"\n')).recordings
+    assert np.flatnonzero(np.isnan(read.columns["knee_rad"])).tolist() == [4]
+    path.write_text("t,position\n" + "".join(f'{k / 10},"({k}, {2 * k})"\n' for k in range(9)))
+    (read,) = read_recordings(
+        [path], parse_columns(LISTED.format(address="position[1]"))
+    ).recordings
+    assert read.columns["knee_rad"].tolist() == [2.0 * k for k in range(9)]
+    with pytest.raises(UnusableInput, match=r"'position\[knee\]' is not there"):
+        read_recordings([path], parse_columns(text))

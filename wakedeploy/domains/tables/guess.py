@@ -309,7 +309,7 @@ def _called(field: Field) -> str:
     """What a field is called: a joint's number by the joint's name, in whatever place it stands."""
     if not field.of or not field.name.endswith("]"):
         return field.name
-    quantity = field.name.removeprefix(field.topic).rpartition("[")[0].rpartition(".")[2]
+    quantity = re.split("[./]", field.name.removeprefix(field.topic).rpartition("[")[0])[-1]
     return f"{field.topic}/{field.of}.{quantity}"
 
 

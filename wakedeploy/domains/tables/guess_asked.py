@@ -124,7 +124,7 @@ def _rank(asked: Asked, column: str, unit: str | None) -> int | None:
     """
     if unit is not None and not _fits(unit, asked.unit):
         return None
-    names = {column, column.rpartition("/")[2]}
+    names = _names(column, asked)
     if asked.name in names:
         return 0
     wanted, ranks = _words(asked.name, asked.unit), list[int]()
@@ -136,6 +136,21 @@ def _rank(asked: Asked, column: str, unit: str | None) -> int | None:
             if apart is not None and all(_says_nothing(word, asked) for word in apart):
                 ranks.append(1 + place + len(apart))
     return min(ranks, default=None)
+
+
+def _names(column: str, asked: Asked) -> set[str]:
+    """What a column may be called: all of it, or what it is within its group.
+
+    Of `/joint_states/knee/position`, as PlotJuggler writes a joint, that is `knee/position`; of
+    `/cmd/knee/position` it is what a controller asks for, and no reading.
+    """
+    *above, group, last = ["", *column.split("/")]
+    names = {column, last}
+    is_quantity = all(any(_is_one(word, q) for q in _QUANTITIES) for word in _words(last, None))
+    is_asked_for = bool(_words("/".join(above), None) & _MEANT)
+    if group and is_quantity and is_asked_for == (asked.role == "input"):
+        names.add(f"{group}/{last}")
+    return names
 
 
 def _apart(words: frozenset[str], others: frozenset[str]) -> frozenset[str] | None:

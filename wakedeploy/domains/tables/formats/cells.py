@@ -87,11 +87,6 @@ def plain_number(text: str, form: Delimited) -> str:
     return text.replace(",", ".") if form.decimal == "," else text
 
 
-def numbers_in(text: str) -> list[str]:
-    """The numbers of a vector in a cell: "[1, 2]", "(1 2)" or "1;2"."""
-    return re.split(r"[\s,;]+", inner) if (inner := text.strip().strip("[]()").strip()) else []
-
-
 def parted(cell: str) -> tuple[str, str]:
     """A number and the unit behind it; the cell itself and no unit where it is not both.
 

@@ -36,13 +36,19 @@ from wakedeploy.domains.tables.formats.cells import (
     is_number_or_absent,
     is_row_of_numbers,
     is_text,
-    numbers_in,
     parted,
     plain_number,
     plain_unit,
     thousands_mark,
     unit_in_brackets,
     written,
+)
+from wakedeploy.domains.tables.formats.listed_cells import (
+    by_name,
+    list_in,
+    names_beside,
+    numbers_in,
+    texts_in,
 )
 from wakedeploy.domains.tables.formats.named_cells import before_names, lines_before, named_rows
 from wakedeploy.domains.tables.log import (
@@ -76,11 +82,22 @@ def open_log(path: Path, csv: Delimited) -> Log:
 
 @dataclass(frozen=True)
 class _Cell:
-    """Where a column's numbers stand: the place in a row, and in a vector within a cell."""
+    """Where a column's numbers stand: the place in a row, and in a vector within a cell.
+
+    That is an `element`, or the one that has a `name` in the column `names`, which may be another
+    one in the next row.
+    """
 
     address: str
     column: int
     element: int | None = None
+    name: str = ""
+    names: int | None = None
+
+    @property
+    def is_listed(self) -> bool:
+        """Whether it is one number of a vector."""
+        return self.element is not None or bool(self.name)
 
 
 class DelimitedLog:
@@ -91,6 +108,7 @@ class DelimitedLog:
         self._lines = array("q")  # of each row, where the first is 1
         self._again = list[int]()  # lines in which the header stands once more
         self._nameless = list[int]()  # lines that hold no number with its name
+        self._of = dict[str, str]()  # whose number an element of a vector is, by its address
         rows = self._rows()
         self.delimiter = form.delimiter or ","
         first = next(rows, None)
@@ -137,13 +155,26 @@ class DelimitedLog:
         for i, name in enumerate(self._names):
             text = self._bare(self._example[i]).strip() if i < len(self._example) else ""
             unit = self._units.get(name) or self._behind(i) or unit_in_brackets(name)
-            count = len(numbers_in(text)) if text.startswith("[") else 0
+            count = len(numbers_in(text)) if list_in(text) is not None else 0
             if self._names.count(name) > 1:  # X of a position, and X of a rotation
                 name = f"#{i + 1}"
-            names = [f"{name}[{k}]" for k in range(count)] or [name]
+            called = self._called(name, count)
+            names = [f"{name}[{each}]" for each in called or range(count)] or [name]
             value = None if not count and is_text(text, self._form) else 0.0
-            found += [Field(address, unit=unit, example=value) for address in names]
+            found += [
+                Field(address, unit=unit, example=value, of=of)
+                for address, of in zip(names, called or [""] * len(names), strict=True)
+            ]
         return found
+
+    def _called(self, name: str, count: int) -> list[str]:
+        """What the first row calls the elements of a column's vector; none where it does not."""
+        beside = names_beside(name, self._names)
+        if beside is None or self._names.count(beside) > 1:
+            return []
+        called = texts_in(self._example[self._names.index(beside)])
+        is_clear = len(called) == count == len({*called}) and not any(map(str.isdigit, called))
+        return called if is_clear and all(called) else []
 
     def clock_of(self, address: str) -> Clock | None:
         """None: stamps are a column."""
@@ -158,7 +189,8 @@ class DelimitedLog:
             columns = list(zip(*block, strict=True))
             for cell in cells:
                 is_stamp = cell.address in stamps
-                kept[cell.address].add(self._converted(cell, columns[cell.column], is_stamp))
+                texts = self._elements(cell, columns) if cell.is_listed else columns[cell.column]
+                kept[cell.address].add(self._converted(cell, texts, is_stamp))
             require_values(self.path, len(cells) * len(self._lines))
         if not self._lines:
             raise UnusableInput(f"{self.path}: has no row below its header; record it again.")
@@ -207,12 +239,14 @@ class DelimitedLog:
     def _cell(self, address: str) -> _Cell:
         if (at := self._position(address)) is not None:
             return _Cell(address, at)
-        name, index = indexed(address)
-        at = self._position(name)
-        if at is None or len(index) != 1:
+        column, name = by_name(address) or ("", "")
+        column, index = (column, (None,)) if name else indexed(address)
+        at, beside = self._position(column), names_beside(column, self._names)
+        if at is None or len(index) != 1 or (name and beside is None):
             self._require_names(address)
             raise missing(self.path, address, self._names)
-        return _Cell(address, at, index[0])
+        names = None if beside is None else self._position(beside)
+        return _Cell(address, at, index[0], name, names)
 
     def _require_names(self, address: str) -> None:
         """UnusableInput for a header of numbers, or of one name with another delimiter inside."""
@@ -410,8 +444,6 @@ class DelimitedLog:
     # --- cells
 
     def _converted(self, cell: _Cell, texts: Sequence[str], is_stamp: bool) -> Values:
-        if cell.element is not None:
-            texts = [self._element(cell, text, i) for i, text in enumerate(texts)]
         if behind := self._behind(cell.column):
             first = len(self._lines) - len(texts)
             texts = [self._without(behind, cell, text, first + i) for i, text in enumerate(texts)]
@@ -483,16 +515,39 @@ class DelimitedLog:
             return "mend it, leave the column out, or write a column of 0 and 1 for each such word"
         return "mend it, or leave the column out"
 
-    def _element(self, cell: _Cell, text: str, index: int) -> str:
-        """One number of a vector in a cell; blank where the cell is."""
+    def _elements(self, cell: _Cell, columns: Sequence[Sequence[str]]) -> list[str]:
+        """One number of the vector in each cell of a block; blank where there is none."""
+        texts = columns[cell.column]
+        if cell.names is None:
+            return [self._element(cell, text, cell.element) for text in texts]
+        called = {names: texts_in(names) for names in set(columns[cell.names])}
+        return [
+            self._element(cell, text, self._element_at(cell, called[names], len(texts) - i))
+            for i, (text, names) in enumerate(zip(texts, columns[cell.names], strict=True))
+        ]
+
+    def _element_at(self, cell: _Cell, called: Sequence[str], before: int) -> int | None:
+        """The element of a row that is so many lines from the last one; None where it has none."""
+        if cell.element is None:
+            return called.index(cell.name) if cell.name in called else None
+        now = called[cell.element] if cell.element < len(called) else ""
+        known = self._of.setdefault(cell.address, now)
+        if now != known:
+            reason = f"is that of {now!r} in line {self._lines[-before]}, and above of {known!r}"
+            column, _ = indexed(cell.address)
+            advice = f'give the name in place of the index: "{column}[{known}]"'
+            raise refused(self.path, cell.address, reason, advice)
+        return cell.element
+
+    def _element(self, cell: _Cell, text: str, element: int | None) -> str:
         numbers = numbers_in(text)
-        if not numbers:
+        if not numbers or element is None:
             return ""
-        if cell.element is None or cell.element >= len(numbers):
+        if element >= len(numbers):
             line = self._lines[len(self._lines) - 1] if self._lines else 0
             reason = f"has only {len(numbers)} numbers in a cell at or before line {line}"
             raise refused(self.path, cell.address, reason, "mend it, or give another index")
-        return numbers[cell.element]
+        return numbers[element]
 
 
 class _Growing:

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-_LISTS = ("name", "names", "joint_names", "interface_names", "interface_groups")
+LISTS = ("name", "names", "joint_names", "interface_names", "interface_groups")
 # A list beside names is theirs only if such messages have it: a `gravity` of three numbers is not
 # that of three joints, however many there are.
-_BESIDE = {
+BESIDE = {
     "position", "positions", "velocity", "velocities", "acceleration", "accelerations",
     "effort", "efforts", "torque", "torques", "displacements", "current", "currents",
     "voltage", "voltages", "temperature", "temperatures", "values", "transforms", "pose", "poses",
@@ -73,7 +73,7 @@ def _names(above: Sequence[Any], listed: Any) -> list[str]:
         if not lists:
             continue
         is_beside = depth == len(above) - 1
-        if key not in (_BESIDE if is_beside else _WITHIN):
+        if key not in (BESIDE if is_beside else _WITHIN):
             return []
         free = [names for names in lists if is_beside or not _is_of(names, way[depth : depth + 2])]
         return next((names for names in free if len(names) == len(listed)), [])
@@ -84,12 +84,12 @@ def _is_of(names: Sequence[str], way: Sequence[Any]) -> bool:
     """Whether the names of a message are those of the next list on a way, which stands in it."""
     message, part = way
     has_length = isinstance(part, list | tuple | np.ndarray)
-    return has_length and len(part) == len(names) and _key(message, part) in _BESIDE
+    return has_length and len(part) == len(names) and _key(message, part) in BESIDE
 
 
 def _lists_of_names(message: Any) -> Iterator[list[str]]:
     """The lists of a message that name something; it may have none."""
-    for names in _texts(message, _LISTS):
+    for names in _texts(message, LISTS):
         if isinstance(names, list) and names and all(isinstance(n, str) for n in names):
             yield names
 
