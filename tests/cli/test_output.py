@@ -7,10 +7,12 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from every_command import EVERY
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wakedeploy.cli import main
 from wakedeploy.cli.output import Written, print_table, write_json
 
 
@@ -91,3 +93,39 @@ def test_where_a_command_writes_at_its_end_is_looked_at_before_it_begins(named: 
         ]
     assert options
     assert [name for name, option in options if not isinstance(option.type, Written)] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "read"),
+    [
+        ("gap simulate --system s.py --measured log.csv --json log.csv", "'--measured'"),
+        ("gap simulate --system s.py --measured a.csv log.csv --json ./log.csv", "'--measured'"),
+        ("gap check s.py --measured log.csv --json s.py", "'[SYSTEM_FILE]'"),
+        (
+            "gap plan --system s.py --measured log.csv --class x --write-input log.csv",
+            "'--measured'",
+        ),
+        ("gap plan --rig rig.toml --write-reference rig.toml", "'--rig'"),
+        ("check gru.onnx --json gru.onnx", "'FILE'"),
+        ("log show flight.mcap --json link.mcap", "'FILES...'"),
+    ],
+)
+def test_no_command_writes_over_what_it_reads(
+    words: str, read: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The one log of an hour's flight became a table of the next input."""
+    monkeypatch.chdir(tmp_path)
+    names = ("a.csv", "log.csv", "s.py", "rig.toml", "gru.onnx", "flight.mcap")
+    for name in names:
+        Path(name).write_text(f"what {name} holds")
+    Path("link.mcap").symlink_to("flight.mcap")
+    told = CliRunner().invoke(main, words.split())
+    assert told.exit_code == 2
+    assert f"{read} reads this file" in " ".join(told.output.split())
+    assert [Path(name).read_text() for name in names] == [f"what {name} holds" for name in names]
+
+
+def test_a_rig_file_may_be_written_in_its_place() -> None:
+    (out,) = [p for p in EVERY["calibrate", "latency"].params if "--out" in p.opts]
+    assert isinstance(out.type, Written)
+    assert out.type.may_replace

@@ -36,7 +36,8 @@ _FOLDER = click.Path(file_okay=False, path_type=Path)
 _RIG_FILES = (
     click.option("--rig", "rig_path", type=FILE, required=True,
                  help="Updated in place, unless --out is given."),
-    click.option("--out", type=Written(), help="Write this rig file; what is simulated needs it."),
+    click.option("--out", type=Written(may_replace=True),
+                 help="Write this rig file; what is simulated needs it."),
 )  # fmt: skip
 _LOGS = (
     click.option("--log", "logs", type=FILE, multiple=True, help="From a log recorded earlier."),

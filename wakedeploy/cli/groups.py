@@ -4,9 +4,11 @@ import shlex
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
+from wakedeploy.cli.output import require_kept
 from wakedeploy.core.files import at_home
 from wakedeploy.core.names import meant, near
 
@@ -115,6 +117,16 @@ MEANT_COMMANDS: Mapping[str, str] = {
 PROPER_NAMES: Mapping[str, str] = {"flaredw": "quadrotor"}
 
 
+class CarefulContext(click.Context):
+    """A command's options, which are looked at together before it runs."""
+
+    def invoke(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command, unless it would write over what it reads."""
+        if args and args[0] is self.command.callback:
+            require_kept(self)
+        return super().invoke(*args, **kwargs)
+
+
 class Group(click.Group):
     """Commands in any case, with `_` or `-`; each has its whole first sentence in the list."""
 
@@ -126,8 +138,12 @@ class Group(click.Group):
         """The command that is meant."""
         given = PROPER_NAMES.get(args[0].lower(), args[0])
         name = meant(given, self.list_commands(ctx)) or args[0]
-        path, command, rest = super().resolve_command(ctx, [name, *args[1:]])
-        return path, command, rest if command is None else _at_home(command, rest)
+        called, command, others = super().resolve_command(ctx, [name, *args[1:]])
+        if command is None:
+            return called, command, others
+        if not isinstance(command, click.Group):
+            command.context_class = CarefulContext
+        return called, command, _at_home(command, others)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands, each with its first sentence."""

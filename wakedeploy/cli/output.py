@@ -16,12 +16,13 @@ from wakedeploy.core.errors import UnusableInput, printable, why
 class Written(click.Path):
     """A file that a command writes at its end; a place where none can be is refused at once.
 
-    So is a name that does not end in `ending`, where all files are of one kind.
+    So is a name that does not end in `ending`, where all files are of one kind. A file that the
+    command reads is refused before it runs, unless one `may_replace` it.
     """
 
-    def __init__(self, ending: str = "") -> None:
+    def __init__(self, ending: str = "", *, may_replace: bool = False) -> None:
         super().__init__(dir_okay=False, path_type=Path)
-        self._ending = ending
+        self._ending, self.may_replace = ending, may_replace
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path; minutes of fitting should not end at a folder that nobody may write to."""
@@ -41,6 +42,40 @@ class Written(click.Path):
         except OSError as error:
             self.fail(f"{path}: {folder} cannot be written to ({why(error)}).", param, ctx)
         return path
+
+
+def require_kept(ctx: click.Context) -> None:
+    """UsageError where a command would write over a file that it was given to read."""
+    params = [(param, ctx.params.get(param.name or "")) for param in ctx.command.get_params(ctx)]
+    kept = [
+        (param, path)
+        for param, value in params
+        if isinstance(param.type, click.Path) and not isinstance(param.type, Written)
+        for path in _paths(value)
+    ]
+    for param, value in params:
+        if isinstance(param.type, Written) and not param.type.may_replace:
+            for path in _paths(value):
+                _require_other(ctx, param, path, kept)
+
+
+def _paths(value: Any) -> list[Path]:
+    """The paths that a parameter was given."""
+    values = value if isinstance(value, tuple) else (value,)
+    return [Path(os.fsdecode(each)) for each in values if isinstance(each, str | bytes | Path)]
+
+
+def _require_other(
+    ctx: click.Context,
+    param: click.Parameter,
+    path: Path,
+    kept: Sequence[tuple[click.Parameter, Path]],
+) -> None:
+    for reader, read in kept:
+        if path.is_file() and read.is_file() and path.samefile(read):
+            name = reader.get_error_hint(ctx)
+            why_not = f"{path}: {name} reads this file, and it would be written over; give another."
+            raise click.BadParameter(why_not, ctx, param)
 
 
 json_option = click.option(
