@@ -2,6 +2,7 @@
 
 import builtins
 import gzip
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import parse_columns
 from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.guess_asked import Asked
 from wakedeploy.domains.tables.reading import read_recordings
 
 KINDS = {
@@ -565,3 +567,57 @@ def test_durations_of_parquet_are_seconds(tmp_path: Path) -> None:
     columns = parse_columns(guessed.replace('"unused"', '"output"'))
     (recording,) = read_recordings([path], columns).recordings
     assert recording.time_s == pytest.approx(np.arange(200) * 0.02)
+
+
+def _lerobot(root: Path, names: object) -> Path:
+    """Two episodes of a set of LeRobot, whose vectors have such names."""
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    chunk = root / "data" / "chunk-000"
+    chunk.mkdir(parents=True)
+    (root / "meta").mkdir()
+    features = {key: {"names": names} for key in ("action", "observation.state")}
+    (root / "meta" / "info.json").write_text(json.dumps({"fps": 50, "features": features}))
+    (root / "README.md").write_text("# Two episodes, 50 Hz\n")
+    for episode in range(2):
+        k = np.arange(200)
+        columns = {"action": np.c_[k, k + 1.0], "observation.state": np.c_[-k, -k - 1.0]}
+        made = {name: list(values) for name, values in columns.items()} | {"timestamp": k / 50.0}
+        parquet.write_table(arrow.table(made), chunk / f"episode_{episode:06d}.parquet")
+    return chunk
+
+
+@pytest.mark.parametrize(
+    ("names", "is_found"),
+    [
+        (["hip.pos", "knee.pos"], True),
+        ({"motors": ["hip", "knee"]}, True),
+        (["hip", "knee", "ankle"], False),
+        (None, False),
+        ([1, 2], False),
+        ({}, False),
+    ],
+)
+def test_joints_of_a_set_of_lerobot_are_known_by_their_names(
+    names: object, is_found: bool, tmp_path: Path
+) -> None:
+    chunk = _lerobot(tmp_path / "leg", names)
+    asked = [Asked("knee_target_rad", "input", "rad"), Asked("knee_rad", "output", "rad")]
+    guessed = guess_columns(chunk / "episode_000001.parquet", asked)
+    assert ('role = "output"\n' in guessed) == is_found
+    if not is_found:
+        return
+    (read,) = read_recordings([chunk / "episode_000001.parquet"], parse_columns(guessed)).recordings
+    assert read.columns["knee_target_rad"].tolist() == (np.arange(200) + 1.0).tolist()
+    assert read.columns["knee_rad"].tolist() == (-np.arange(200) - 1.0).tolist()
+
+
+def test_a_folder_whose_logs_lie_deeper_is_told_where(tmp_path: Path) -> None:
+    """It was told that it has no row below its header, which was the README's."""
+    chunk = _lerobot(tmp_path / "leg", None)
+    told = rf"its logs lie in {chunk}; give these files, as {chunk}/\*\.parquet\.$"
+    for folder in (tmp_path, tmp_path / "leg", tmp_path / "leg" / "data"):
+        with pytest.raises(UnusableInput, match=told):
+            guess_columns(folder)
+        text = 'version = 1\n[columns.q]\ncolumn = "q"\nrole = "output"\nunit = "rad"\n'
+        with pytest.raises(UnusableInput, match=told):
+            read_recordings([folder], parse_columns(text))

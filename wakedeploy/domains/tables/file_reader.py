@@ -29,7 +29,7 @@ from wakedeploy.domains.tables.diagnosis import (
 from wakedeploy.domains.tables.formats.delimited import DelimitedLog
 from wakedeploy.domains.tables.formats.messages import MessageLog
 from wakedeploy.domains.tables.log import Clock, Log, Values, require_size
-from wakedeploy.domains.tables.log_kinds import is_log, of_bags, open_log
+from wakedeploy.domains.tables.log_kinds import is_log, of_bags, of_folders, open_log
 from wakedeploy.domains.tables.orientation import angle_of
 from wakedeploy.domains.tables.pieces import (
     Stretch,
@@ -130,8 +130,8 @@ class FileReader:
             return self.path
         if file is None and not any(self.path.iterdir()):
             raise UnusableInput(f"{self.path}: is an empty folder; give files, or another folder.")
-        if file is None and (bags := of_bags(self.path)) is not None:
-            raise bags
+        if file is None and (elsewhere := of_bags(self.path) or of_folders(self.path)) is not None:
+            raise elsewhere
         if file is None:
             raise UnusableInput(
                 f"{self.path}: is a folder; say in which of its files each column stands"

@@ -52,6 +52,7 @@ from wakedeploy.domains.tables.log_kinds import (
     is_log,
     is_named_as_log,
     of_bags,
+    of_folders,
     open_log,
     seen_form,
 )
@@ -144,6 +145,14 @@ def guess_columns(
     if is_log(path):
         form = seen_form(path)
         return _text(path, [("", open_log(path, form))], form, asked, rate_hz)
+    try:
+        return _of_folder(path, asked, rate_hz)
+    except UnusableInput as error:  # a text about the logs may be all that lies beside their folder
+        raise (error if of_bags(path) else of_folders(path) or error) from None
+
+
+def _of_folder(path: Path, asked: Sequence[Asked], rate_hz: float | None) -> str:
+    """The text for a folder whose files are parts of one recording, or recordings of one kind."""
     files = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     form = _form_of(files)
     logs, refusals = [], []

@@ -4,6 +4,8 @@ In: a path. Out: a `Log`, opened by the module of its kind in `formats`.
 """
 
 import importlib
+import itertools
+import os
 import re
 from pathlib import Path
 
@@ -50,6 +52,7 @@ _ARDUPILOT = (
 _TEXTS = {".json", ".jsonl", ".ndjson"}  # of these, that are text and yet no table
 _NUMBER = re.compile(r"_([0-9]+)$")  # of a part of a bag
 _NAMED = 3  # bags of a folder
+_MOST_FOLDERS = 1000  # that are looked through for logs
 _TEXT_BYTES = 4096  # of a file without a known name that show whether it is text
 
 
@@ -115,6 +118,21 @@ def of_bags(folder: Path) -> UnusableInput | None:
     named = ", ".join(bags[:_NAMED]) + (f" and {len(bags) - _NAMED} more" if bags[_NAMED:] else "")
     every = "" if any("/" in name for name in bags) else f", {folder}/*/"
     return UnusableInput(f"{folder}: is a folder that holds bags ({named}); give these{every}.")
+
+
+def of_folders(folder: Path) -> UnusableInput | None:
+    """The sentence for a folder whose logs lie in folders within it; None for any other."""
+    if any(p.is_file() and _is_named_as_log(p) for p in folder.iterdir()):
+        return None
+    for at, _, names in itertools.islice(os.walk(folder), _MOST_FOLDERS):
+        inner = Path(at)
+        logs = sorted(p for name in names if _is_named_as_log(p := inner / name))
+        if logs and inner != folder:
+            files = f"{inner}/*{logs[0].suffix}"
+            return UnusableInput(
+                f"{folder}: its logs lie in {inner}; give these files, as {files}."
+            )
+    return None
 
 
 def _bag_in(folder: Path) -> str:

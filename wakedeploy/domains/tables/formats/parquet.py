@@ -1,5 +1,6 @@
 """Parquet: a column for each name; structs by a dot, lists of one length by an index."""
 
+import json
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from wakedeploy.domains.tables.log import (
     unreadable,
 )
 
+_ABOUT = "meta/info.json"  # of a set of LeRobot, whose files lie in data/chunk-000
 _NO_NUMBERS = ("string", "binary", "timestamp", "date", "time")  # in the name of Arrow's type
 
 
@@ -50,7 +52,11 @@ class ParquetLog:
             names = [f"{name}[{i}]" for i in range(count)] or [name]
             example = None if any(word in str(kind) for word in _NO_NUMBERS) else 0.0
             stated = "s" if str(kind).startswith("duration") else unit or unit_in_brackets(name)
-            found += [Field(address, unit=stated, example=example) for address in names]
+            called = _called(self.path, name, count) or [""] * len(names)
+            found += [
+                Field(address, unit=stated, example=example, of=of)
+                for address, of in zip(names, called, strict=True)
+            ]
         return found
 
     def clock_of(self, address: str) -> Clock | None:
@@ -108,6 +114,23 @@ class ParquetLog:
                 reason = f"has no such number in row {row}"
                 raise refused(self.path, address, reason, "give another index") from error
         return np.array(chosen)
+
+
+def _called(path: Path, name: str, count: int) -> list[str]:
+    """What a set of LeRobot calls the numbers of a list, in its info.json; none in another set.
+
+    Its features have `names`, a list or one by a word, as {"motors": ["hip", "knee"]}.
+    """
+    about = next(filter(Path.is_file, (up / _ABOUT for up in path.absolute().parents[1:4])), None)
+    if about is None or not count:
+        return []
+    try:
+        names = json.loads(about.read_text("utf-8"))["features"][name]["names"]
+        listed = next(iter(names.values())) if isinstance(names, dict) else names
+    except (OSError, ValueError, LookupError, TypeError, StopIteration, RecursionError):
+        return []
+    is_named = isinstance(listed, list) and len(listed) == count
+    return listed if is_named and all(isinstance(each, str) for each in listed) else []
 
 
 def _leaves(fields: Any, prefix: str = "") -> list[tuple[str, tuple[Any, str | None]]]:
