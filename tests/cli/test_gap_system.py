@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 import shlex
 from pathlib import Path
 from types import SimpleNamespace
@@ -86,6 +87,13 @@ def test_a_replay_with_the_true_correction_is_exact(folder):
     )
     assert told.exit_code == 0
     assert "position_m" in told.output
+
+
+def test_a_replay_without_a_correction_has_one_error_of_each_output(folder):
+    words = ["simulate", "--system", str(folder / "my_robot.py")]
+    told = CliRunner().invoke(command, [*words, "--measured", str(folder / "log.csv")])
+    head = next(line for line in told.output.splitlines() if "output" in line)
+    assert re.findall(r"\w+", head) == ["log", "output", "error", "unit"]
 
 
 def test_init_never_overwrites(folder):

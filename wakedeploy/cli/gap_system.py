@@ -158,10 +158,11 @@ def simulate(
         after = {} if better is None else replay_error(better, recording)
         errors[recording.name] = {"without": plain, "with": after}
         for output in system.outputs:
-            value = f"{after[output.name]:.4g}" if after else ""
-            row = [recording.name, output.name, f"{plain[output.name]:.4g}", value, output.unit]
-            rows.append(row)
-    print_table("rms error of the replay", ["log", "output", "without", "with", "unit"], rows)
+            values = [f"{error[output.name]:.4g}" for error in (plain, after) if error]
+            rows.append([recording.name, output.name, *values, output.unit])
+    columns_of_errors = ["without", "with"] if better else ["error"]
+    head = ["log", "output", *columns_of_errors, "unit"]
+    print_table("rms error of the replay", head, rows)
     write_json(json_path, errors)
 
 

@@ -594,6 +594,30 @@ def test_falling_stamps_are_sorted_or_begin_another_recording(tmp_path: Path) ->
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("stamps", "is_blank", "is_mixed"),
+    [
+        ([*range(5, 305), *range(2, 302)], False, True),  # a board that was started again
+        ([*range(300), *range(300)], True, False),  # two streams, one below the other
+        ([*range(100), 98, 97, *range(101, 300)], False, False),  # messages that swap places
+    ],
+)
+def test_runs_that_are_sorted_into_each_other_are_told(
+    stamps: list[int], is_blank: bool, is_mixed: bool, tmp_path: Path
+) -> None:
+    path, half = tmp_path / "log.csv", len(stamps) // 2
+    rows = [
+        f"{t / 100 + 1e-3 * (k >= half):.3f},{'' if is_blank and k >= half else k},"
+        f"{'' if is_blank and k < half else k}"
+        for k, t in enumerate(stamps)
+    ]
+    path.write_text("\n".join(["t,u,v", *rows]) + "\n")
+    more = 'missing = "hold"\n' if is_blank else ""
+    text = BASE + 'falling = "sort"\n[resample]\nrate_hz = 100\n' + U + more
+    text += U.replace("[columns.u]", "[columns.v]").replace('"u"', '"v"') + more
+    assert any("rows of two times are mixed" in n for n in reading(path, text).notes) == is_mixed
+
+
 def test_gaps_end_recordings_and_short_pieces_are_left_out(tmp_path: Path) -> None:
     stamps = [*tenths(5), *(2 + k / 10 for k in range(2)), *(4 + k / 10 for k in range(6))]
     path = write(tmp_path / "log.csv", stamps, list(range(13)))

@@ -50,6 +50,7 @@ from wakedeploy.domains.tables.stamps import (
     between_falls,
     in_seconds,
     is_time_of_day,
+    on_mixed,
     on_repeats,
     origin_s,
     seconds_in,
@@ -318,6 +319,7 @@ class FileReader:
         instead = clock_instead(place)
         line = timeline(stamps_s, first, base, place.row, place.clock_refused, notes, instead)
         columns = [numbers[name] for name in names]
+        notes += on_mixed(stamps_s, columns, base)
         notes += on_repeats(line, columns, base, place.row, place.clock_refused)
         called = f", column {place.clock.address!r}" if place.clock else ""
         self.notes += [f"{place.log.path}{called}: {note}" for note in notes]

@@ -238,6 +238,20 @@ def is_set_back(stamps_s: Vector) -> bool:
     return bool(len(edges)) and int((edges[1::2] - edges[::2]).max()) > _SWAPPED_ROWS
 
 
+def on_mixed(stamps_s: Vector, columns: Sequence[Vector], base: TimeBase) -> list[str]:
+    """The remark on a clock that was set back for rows of one column, and not for another stream.
+
+    Its runs are sorted into each other: what was at one time stands beside what was at another.
+    """
+    own_s = (stamps_s[~np.isnan(values)] for values in columns)
+    if base.falling != "sort" or not any(map(is_set_back, own_s)):
+        return []
+    return [
+        "its clock was set back or began again, and rows of two times are mixed now; falling ="
+        ' "split" parts them'
+    ]
+
+
 def _advice_on_falls(stamps_s: Vector) -> str:
     if is_set_back(stamps_s):
         return (
