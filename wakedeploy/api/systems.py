@@ -33,7 +33,7 @@ from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.coupled_forces import bent_inputs, coupled_forces
 from wakedeploy.gap.systems.duration import long_search
 from wakedeploy.gap.systems.files import read_plain, read_system
-from wakedeploy.gap.systems.late_readings import late_readings
+from wakedeploy.gap.systems.late_readings import in_time, late_readings
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.misread import misread
 from wakedeploy.gap.systems.own_system import System
@@ -90,7 +90,7 @@ def recordings_of(
         warn(note)
     if columns is None:
         plain = [_plain(path, system, warn) for path in paths]
-        return _without_copies([*given, *plain], system, warn)
+        return _used([*given, *plain], system, warn)
     if not paths:
         raise UnusableInput("columns go with logs that are read from files; leave them out.")
     known = columns if isinstance(columns, Columns) else read_columns(path_from(columns, "columns"))
@@ -99,7 +99,7 @@ def recordings_of(
     reading = read_recordings(paths, known, units)
     for note in reading.notes:
         warn(note)
-    return _without_copies([*given, *reading.recordings], system, warn)
+    return _used([*given, *reading.recordings], system, warn)
 
 
 def _log_path(given: object) -> Path:
@@ -110,6 +110,11 @@ def _log_path(given: object) -> Path:
         f"measured has a {type(given).__name__}, {given!r:.60}: give recordings, as of wd.read_log "
         "or wd.Recording, or files of logs."
     )
+
+
+def _used(recordings: Sequence[Recording], system: System, warn: Warn) -> list[Recording]:
+    """Each once, from where its readings count in time."""
+    return [in_time(system, recording) for recording in _without_copies(recordings, system, warn)]
 
 
 def _without_copies(recordings: Sequence[Recording], system: System, warn: Warn) -> list[Recording]:

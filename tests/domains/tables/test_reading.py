@@ -100,26 +100,6 @@ def test_what_a_silent_sensor_said_last_is_not_measured_again(
     assert ("not measured" in note) != is_measured
 
 
-@pytest.mark.parametrize("first_s", [0.0, 0.0002, 0.0021, 0.0061])
-def test_a_slow_sensor_beside_a_fast_one_is_read_at_the_first_tick(
-    first_s: float, tmp_path: Path
-) -> None:
-    """So a system whose samples are as far apart as its readings has each reading at its time."""
-    folder = tmp_path / "log"
-    folder.mkdir()
-    write(folder / "fast.csv", [k / 500 for k in range(1000)], [k / 500 for k in range(1000)])
-    slow = [first_s + k / 100 for k in range(200)]
-    write(folder / "slow.csv", slow, slow)
-    output = U.replace('"input"', '"output"').replace('"V"', '"s"')
-    text = BASE + "[resample]\nrate_hz = 500\n" + output + 'file = "fast.csv"\n'
-    text += output.replace("[columns.u]", "[columns.slow_s]") + 'file = "slow.csv"\n'
-    read = one(folder, text)
-    fast, slowly = read.columns["u"][::5], read.columns["slow_s"][::5]
-    assert np.isfinite(slowly).all()
-    np.testing.assert_allclose(read.time_s[::5] - slowly, 0.0, atol=0.5 / 500)
-    np.testing.assert_allclose(fast - slowly, 0.0, atol=1 / 500)
-
-
 def test_an_input_that_changed_while_nobody_looked_ends_a_recording(tmp_path: Path) -> None:
     """Half a second of a motor's voltage is not known; where it is the same afterwards, it is."""
     stamps = [k / 100 for k in range(400) if not 200 < k < 250]

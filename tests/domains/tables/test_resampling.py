@@ -13,7 +13,6 @@ from wakedeploy.domains.tables.resampling import (
     held,
     interpolated,
     low_passed,
-    ticks_before_reading,
 )
 
 Vector = NDArray[np.float64]
@@ -94,22 +93,6 @@ def test_a_clock_that_jitters_has_each_sample_at_its_own_tick(start_s: float, ev
     ticks_s = ticks_of(stamps_s, 1000 / every)
     taken = held(stamps_s, np.arange(4000.0), ticks_s)
     assert set(np.diff(taken)) == {every}
-
-
-@pytest.mark.parametrize(
-    ("readings_s", "before"),
-    [
-        ([np.arange(1000) / 100], 0),  # one at each tick
-        ([np.arange(1000) / 100, 0.03 + np.arange(200) / 20], 3),
-        ([0.03 + np.arange(200) / 20, 0.01 + np.arange(100) / 10], 3),  # the one that is read more
-        ([0.03 + np.sort(np.random.default_rng(0).uniform(0, 10, 200))], 0),  # keeps to no place
-        ([np.arange(1000) / 100, np.array([0.5, 5.5])], 0),  # half a second is too much to lose
-        ([], 0),
-    ],
-)
-def test_ticks_begin_where_a_slow_sensor_is_read(readings_s: list[Vector], before: int) -> None:
-    ticks_s = np.arange(1000) / 100 + 1e-9
-    assert ticks_before_reading(readings_s, ticks_s) == before
 
 
 def test_the_filter_is_scipys_butterworth_and_passes_a_constant() -> None:

@@ -14,6 +14,7 @@ from wakedeploy.gap.search.comparison import mean_squares
 from wakedeploy.gap.search.weighing import weight_of
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
+from wakedeploy.gap.systems.late_readings import in_time
 from wakedeploy.gap.systems.likelihood.augmented import Acting
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.planning.power import power
@@ -530,3 +531,25 @@ def test_readings_at_each_row_of_a_finer_log_are_in_time():
     columns = {"command_pct": 0.5 * np.sin(time_s), "flow": 0.2 + 0.1 * np.sin(time_s)}
     log = Recording("made", time_s, columns)
     assert "late on average" not in "\n".join(column_notes(LogModel(_valve(), [log])))
+
+
+@pytest.mark.parametrize("phase", range(5))
+def test_a_log_begins_where_its_readings_count_in_time(phase):
+    """A speed at each row of 500 Hz, and a sensor each fifth row, for a system of 100 Hz."""
+    rows = np.arange(2000)
+    flow = np.where(rows % 5 == phase, rows, np.nan)
+    log = Recording("made", rows / 500.0, {"command_pct": 0.1 * rows, "flow": flow})
+    begun = in_time(_valve(), log)
+    assert len(begun.time_s) == 2000 - phase
+    model = LogModel(_valve(), [begun])
+    shown = model.logs[0].outputs[0]
+    np.testing.assert_array_equal(shown, rows[phase::5][: len(shown)])
+    assert "late on average" not in "\n".join(column_notes(model))
+
+
+def test_a_log_that_is_read_at_each_row_or_is_as_coarse_as_the_system_begins_where_it_does():
+    rows = np.arange(2000)
+    for rate_hz, is_read in ((500.0, rows >= 0), (100.0, rows % 5 == 3), (500.0, rows < 0)):
+        flow = np.where(is_read, rows, np.nan)
+        log = Recording("made", rows / rate_hz, {"command_pct": 0.1 * rows, "flow": flow})
+        assert in_time(_valve(), log) is log

@@ -40,7 +40,7 @@ from wakedeploy.domains.tables.pieces import (
     longest_silence,
 )
 from wakedeploy.domains.tables.remarks import Remarks, mark_in, on_spikes
-from wakedeploy.domains.tables.resampling import even_ticks, ticks_before_reading
+from wakedeploy.domains.tables.resampling import even_ticks
 from wakedeploy.domains.tables.series import Place, Series
 from wakedeploy.domains.tables.stamps import (
     Timeline,
@@ -518,8 +518,6 @@ class FileReader:
         if max(map(len, inside_s), default=0) < 2 or (end_s - start_s) * how.rate_hz > 1e8:
             return np.empty(0), {}
         ticks_s = even_ticks(inside_s, start_s, end_s, how.rate_hz)
-        readings_s = [s.with_numbers()[0] for s in series if s.is_reading]
-        ticks_s = ticks_s[ticks_before_reading(readings_s, ticks_s) :]
         if len(ticks_s) < 2:
             return ticks_s, {}
         for column in series:

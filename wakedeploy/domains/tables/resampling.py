@@ -15,7 +15,6 @@ _SLOWER = 1.25  # times the ticks' step, from which on a clock has fewer stamps 
 _NEAR = 0.25  # of a step, by which stamps may lie off ticks that are more than they
 _OWN = 0.45  # the same where each tick has a stamp of its own, but for a few that were lost
 _FEW_LOST = 0.1  # share of a log's samples that may be lost while the others have a tick each
-_LEFT_OUT = 0.01  # share of a piece that may go before the tick that it begins at
 _STALE_STEPS = 3.0  # usual ones, after which a sensor's last sample says nothing of now
 _FINER = 10.0  # times the cut-off, at which the filter runs at least
 _MOST_FINE = 64 << 20  # steps of the filter
@@ -69,26 +68,6 @@ def refreshed(stamps_s: Vector, ticks_s: Vector) -> NDArray[np.bool_]:
     step_s = (ticks_s[-1] - ticks_s[0]) / (len(ticks_s) - 1)
     edges_s = np.insert(ticks_s, 0, ticks_s[0] - step_s)
     return np.diff(np.searchsorted(stamps_s, edges_s, side="right")) > 0
-
-
-def ticks_before_reading(readings_s: Sequence[Vector], ticks_s: Vector) -> int:
-    """How many ticks to leave out, so that a sensor slower than the ticks is read at the first.
-
-    A system of a lower rate takes each so-many-th tick from the first on, and a reading between two
-    of those counts at the later one. Of several such sensors the one that is read most often says
-    where. 0 where its readings keep to no such places, or where more than a trifle would be lost.
-    """
-    if len(ticks_s) < 2:
-        return 0
-    fresh = [np.flatnonzero(refreshed(stamps_s, ticks_s)) for stamps_s in readings_s]
-    slower = [at for at in fresh if len(at) > 1 and np.median(np.diff(at)) > 1]
-    if not slower:
-        return 0
-    at = max(slower, key=len)
-    places = np.bincount(at % int(np.median(np.diff(at))))
-    before = int(np.argmax(places))
-    keeps_to_it = 2 * places[before] > len(at)
-    return before if keeps_to_it and before <= _LEFT_OUT * len(ticks_s) else 0
 
 
 def stale(stamps_s: Vector, ticks_s: Vector) -> NDArray[np.bool_]:

@@ -57,15 +57,17 @@ class System(StateSpace):
 
         They are by name, as in a dict. A recording may be finer than the system: `time_s` (n,) of
         what is returned says when, and `measured` what the recording shows then. The replay starts
-        where the recording does and sees no measurement afterwards. Raises UnusableInput for what
-        is no recording, or lacks a column, and for a system in which something does not fit.
+        where the recording does, or so much later that its readings count in time, and sees no
+        measurement afterwards. Raises UnusableInput for what is no recording, or lacks a column,
+        and for a system in which something does not fit.
         """
         if not isinstance(recording, Recording):
             raise UnusableInput(
                 f"{type(self).__name__}.simulate takes one Recording, not a "
                 f"{type(recording).__name__}; wakedeploy.read_log gives all that a log holds."
             )
-        from wakedeploy.gap.systems.simulation import simulated  # takes a second to load
+        from wakedeploy.gap.systems.late_readings import in_time  # takes a second to load
+        from wakedeploy.gap.systems.simulation import simulated
 
         require_sound(self)  # each time: what it states may have been changed since
-        return simulated(self, recording)
+        return simulated(self, in_time(self, recording))
