@@ -122,11 +122,11 @@ def of_bags(folder: Path) -> UnusableInput | None:
 
 def of_folders(folder: Path) -> UnusableInput | None:
     """The sentence for a folder whose logs lie in folders within it; None for any other."""
-    if any(p.is_file() and _is_named_as_log(p) for p in folder.iterdir()):
+    if any(p.is_file() and is_named_as_log(p) for p in folder.iterdir()):
         return None
     for at, _, names in itertools.islice(os.walk(folder), _MOST_FOLDERS):
         inner = Path(at)
-        logs = sorted(p for name in names if _is_named_as_log(p := inner / name))
+        logs = sorted(p for name in names if is_named_as_log(p := inner / name))
         if logs and inner != folder:
             files = f"{inner}/*{logs[0].suffix}"
             return UnusableInput(
