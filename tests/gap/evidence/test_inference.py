@@ -126,6 +126,31 @@ def test_a_fit_goes_along_a_ridge_unless_forecasts_get_worse(true_kg: float) -> 
     assert fitted.value("mass") == pytest.approx(true_kg, abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "is_worse"),
+    [
+        ([[1.0, 1.0]], [[1.02, 1.02]], False),
+        ([[1.0, 1.0]], [[1.2, 1.2]], True),
+        ([[1.0, 1.0]], [[1.0, np.nan]], True),  # what ran away is no forecast without error
+        ([[1.0, 1.0]], [[np.inf, 1.0]], True),
+        ([[np.nan, 1.0]], [[1e9, 1.0]], False),  # nothing was predicted there
+        ([[0.0, 0.0], [1.0, 1.0]], [[9.0, 9.0], [1.0, 1.0]], True),
+        ([[1e-9, 1e-9], [1.0, 1.0]], [[2e-9, 2e-9], [0.1, 0.1]], False),
+        ([[0.0, 0.0]], [[0.0, 0.0]], False),
+    ],
+)
+def test_worse_forecasts_are_worse_on_average_or_no_numbers(before, after, is_worse) -> None:
+    class Erring(Linear):
+        def disagreements(self, fitted, episodes):
+            return [np.array(fitted)]
+
+    class Errors(list):
+        episodes = (0,)
+
+    judged = inference._forecasts_get_worse(Erring(TRUTH), Errors(before), Errors(after))
+    assert judged is is_worse
+
+
 class Breaking(Hovering):
     """The same, but that readings beside the ridge are none."""
 

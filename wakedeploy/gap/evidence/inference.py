@@ -67,7 +67,8 @@ def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
     rises any more and slopes promise something all the same, a fit is on a ridge, and goes along
     it: a constant that has bent to what is missing comes back beside it. It stays where it is if
     the way rises more than promised, and forecasts get worse: it then leads to another summit, as
-    that at which strong short pushes move a servo that its command hardly moves.
+    that at which strong short pushes move a servo that its command hardly moves. It is at rest
+    then: what its slopes promise is not on its own summit.
     """
     fitted, is_at_rest = _repeated(model, fitted)
     promised = promised_nats(fitted) if is_at_rest else 0.0
@@ -82,19 +83,22 @@ def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
 
 
 def _forecasts_get_worse(model: Model, before: Fit, after: Fit) -> bool:
-    """Whether squared errors of forecasts rise, on average over channels; never of one reading.
+    """Whether squared errors of forecasts rise, on average over channels, or one is no number now.
 
-    A model with a method `disagreements` forecasts: it says what a fit predicts wrongly.
+    A model with a method `disagreements` forecasts: it says what a fit predicts wrongly. A channel
+    counts by its larger error of the two, so that one without error decides no more than others.
     """
     disagreements = getattr(model, "disagreements", None)
     if disagreements is None:
         return False
-    was, now = (
-        np.nansum(np.square(np.concatenate(disagreements(f, f.episodes), axis=1)), axis=1)
-        for f in (before, after)
-    )
-    erring = was > 0.0
-    return bool(np.any(erring) and np.mean(now[erring] / was[erring]) > _WORSE)
+    was, now = (np.concatenate(disagreements(f, f.episodes), axis=1) for f in (before, after))
+    if np.any(np.isfinite(was) & ~np.isfinite(now)):
+        return True
+    both = np.isfinite(was) & np.isfinite(now)
+    sums = [np.square(np.where(both, errors, 0.0)).sum(axis=1) for errors in (was, now)]
+    larger = np.maximum(*sums)
+    larger[larger == 0.0] = 1.0
+    return bool(np.sum(sums[1] / larger) > _WORSE * np.sum(sums[0] / larger))
 
 
 def _repeated(model: Model, fitted: Fit) -> tuple[Fit, bool]:
