@@ -14,6 +14,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.systems.checks import checked
 from wakedeploy.gap.systems.correction import VERSION, Correction, Document, Named
+from wakedeploy.gap.systems.kinds.forces import BETWEEN
 from wakedeploy.gap.systems.kinds.library import plain
 from wakedeploy.gap.systems.likelihood.logs import LogModel
 from wakedeploy.gap.systems.simulation import simulated
@@ -179,7 +180,11 @@ def test_sizes_and_units_are_those_of_the_second_body() -> None:
 
 def test_it_is_told_in_words() -> None:
     said = plain(f"free-play@{AT}")
-    assert said.startswith("a spring over the difference of motor_radps and link_radps")
+    assert said.startswith("play between motor_radps and link_radps, a spring that bears less")
+    for kind in BETWEEN:
+        said = plain(f"{kind.name}@{AT}")
+        assert "motor_radps and link_radps" in said
+        assert AT not in said.partition("(")[0]
 
 
 REFUSED: Mapping[str, tuple[dict[str, object], str]] = {
@@ -187,6 +192,12 @@ REFUSED: Mapping[str, tuple[dict[str, object], str]] = {
     "three": ({"speeds": ("a", "b", "c")}, "those of both bodies"),
     "unknown": ({"speeds": ("motor_radps", "arm_radps")}, "'arm_radps', which is not there"),
     "itself": ({"speeds": ("link_radps", "link_radps")}, "use Port.force"),
+    "numbers": ({"speeds": (1, 2)}, "those of both bodies"),
+    "one inertia": ({"speeds": GEAR, "inertias": "motor_kgm2"}, 'inertias=."motor_kgm2", "link'),
+    "no kinds": ({"speeds": GEAR, "kinds": 3}, "give names"),
+    "one place": ({"speeds": GEAR, "positions": ("link_rad", "link_rad")}, "one position for both"),
+    "other order": ({"speeds": GEAR, "positions": ("link_rad", "motor_rad")}, "in the order of"),
+    "backward": ({"speeds": ("motor_rad", "link_radps"), "ratio": -1.0}, "compares rad with rad/s"),
     "no inertia": ({"speeds": GEAR, "inertias": ("motor_kgm2", "arm_kgm2")}, "'arm_kgm2'"),
     "no ratio": ({"speeds": GEAR, "ratio": 0.0}, "give a number but 0"),
     "units": ({"speeds": ("motor_rad", "link_radps")}, "the ratio of the transmission"),
@@ -204,6 +215,23 @@ def test_what_does_not_fit_is_refused(stated, said) -> None:
     log = driven(1.0, 3)
     with pytest.raises(UnusableInput, match=said):
         LogModel(checked(_with(**stated)), [log])
+
+
+@pytest.mark.parametrize("pair", [GEAR, GEAR[::-1]])
+def test_one_pair_has_one_port(pair) -> None:
+    both = [Port.between(GEAR), Port.between(pair, ratio=-1.0)]
+    with pytest.raises(UnusableInput, match="is there twice"):
+        checked(type("Wrong", (Joint,), {"ports": both})())
+
+
+def test_coupled_masses_need_their_own_function() -> None:
+    both = [Port.force("motor_radps", like="torque_nm"), Port.between(GEAR)]
+    with pytest.raises(UnusableInput, match="write derivative_under"):
+        checked(type("Wrong", (Joint,), {"ports": both})())
+
+
+def test_a_ratio_may_be_numpys() -> None:
+    checked(type("Geared", (Joint,), {"ports": [Port.between(GEAR, ratio=np.int64(50))]})())
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ point; UnusableInput with one sentence else. A constant that may be on either si
 
 import functools
 import math
+import numbers
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
@@ -182,17 +183,42 @@ def _check_ports(system: StateSpace) -> None:
 def _check_between(system: StateSpace, port: Port) -> None:
     """UnusableInput where what two bodies state cannot be compared, or is that of one body."""
     where = f"{system.name}: the port between {port.speeds[0]!r} and {port.speeds[1]!r}"
-    if port.speeds[0] == port.speeds[1]:
-        raise UnusableInput(f"{where} names one state; use Port.force for what acts on one body.")
-    if not isinstance(port.ratio, (int, float)) or not 0.0 < abs(port.ratio) < math.inf:
+    for what, pair in (("state", port.speeds), ("position", port.positions)):
+        if pair and pair[0] == pair[1]:
+            raise UnusableInput(
+                f"{where} names one {what} for both; use Port.force for what acts on one body."
+            )
+    pairs = [frozenset(p.speeds) for p in system.ports if p.speeds]
+    if pairs.count(frozenset(port.speeds)) > 1:
+        raise UnusableInput(f"{where} is there twice; state it once, with the ratio that holds.")
+    if any(p.like and p.name in port.speeds for p in system.ports):
+        raise UnusableInput(
+            f"{where} acts on speeds that move each other, as another port is like an input; write "
+            "derivative_under, and leave out `like`."
+        )
+    if isinstance(port.ratio, bool) or not (
+        isinstance(port.ratio, numbers.Real) and 0.0 < abs(float(port.ratio)) < math.inf
+    ):
         raise UnusableInput(f"{where} has the ratio {port.ratio!r}; give a number but 0.")
-    pairs = [[system.states[n] for n in pair] for pair in (port.speeds, port.positions) if pair]
-    pairs.append([system.unit_of_constant(n) for n in port.inertias] or ["1", "1"])
-    for first, second in pairs:
-        if port.ratio == 1.0 and not same_unit(first, second):
+    units = [[system.states[n] for n in pair] for pair in (port.speeds, port.positions) if pair]
+    units.append([system.unit_of_constant(n) for n in port.inertias] or ["1", "1"])
+    for first, second in units:
+        if abs(port.ratio) == 1.0 and not same_unit(first, second):
             raise UnusableInput(
                 f"{where} compares {first} with {second}; state both in one unit, or the ratio of "
                 "the transmission: how far the first goes while the second goes one."
+            )
+
+
+def _check_positions(system: StateSpace, port: Port) -> None:
+    """UnusableInput where the positions between two bodies are not those that its speeds move."""
+    moved = system.kinematic()
+    for position, speed in zip(port.positions, port.speeds, strict=True):
+        if moved.get(position, speed) != speed:
+            raise UnusableInput(
+                f"{system.name}: the port between {port.speeds[0]!r} and {port.speeds[1]!r} has the"
+                f" position {position!r} beside {speed!r}, but its rate is {moved[position]!r}; "
+                "give the positions in the order of the speeds."
             )
 
 
@@ -274,6 +300,8 @@ def _check_functions(system: StateSpace) -> None:
     for port in system.ports:
         if port.like:
             _check_like(system, port)
+        if port.positions:
+            _check_positions(system, port)
     for port in system.ports:
         if port.function is not None:
             _check_custom(system, port, state, inputs, shape)

@@ -3,7 +3,7 @@
 In: names that the system states. Out: `Port`s, from which its effects follow, and `Point`s.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -172,18 +172,29 @@ class Port:
         return self.function(time_s, state, inputs, Point("parameter", p))
 
 
+_OF_BOTH = {
+    "speeds": '("motor_radps", "link_radps")',
+    "inertias": '("motor_kgm2", "link_kgm2")',
+    "positions": '("motor_rad", "link_rad")',
+}
+
+
 def _two(what: str, given: Sequence[str]) -> tuple[str, ...]:
     """Two names; UnusableInput for anything else."""
-    if not isinstance(given, tuple | list) or len(given) != 2:
+    is_pair = isinstance(given, tuple | list) and len(given) == 2
+    if not is_pair or not all(isinstance(name, str) and name for name in given):
         raise UnusableInput(
             f"Port.between has the {what} {given!r:.60}; give those of both bodies, as "
-            '("motor_radps", "link_radps").'
+            f"{what}={_OF_BOTH[what]}."
         )
     return tuple(given)
 
 
 def _several(kinds: Sequence[str] | str) -> tuple[str, ...]:
     """Kinds as a tuple; a single one may be given alone, and a text is no list of its letters."""
+    several = (kinds,) if isinstance(kinds, str) else kinds
+    if not isinstance(several, Iterable) or not all(isinstance(kind, str) for kind in several):
+        raise UnusableInput(f'A port has the kinds {kinds!r:.60}; give names, as ["lag", "gain"].')
     return (kinds,) if isinstance(kinds, str) else tuple(kinds)
 
 

@@ -76,6 +76,7 @@ class Viscous(ForceKind):
 
     name = "viscous-friction"
     phrase = "friction, or a leak, in proportion to {port}"
+    between = "friction, or an exchange, in proportion to the difference of {first} and {second}"
     equation = "−b v"
     source = _ARMSTRONG
     parameters = (Parameter("coefficient", {"force": 1, "speed": -1}),)
@@ -150,6 +151,7 @@ class Presliding(ForceKind):
     is_friction_law = True
     is_dry = True
     phrase = "dry friction on {port} that gives elastically before it slides"
+    between = "dry friction between {first} and {second} that gives elastically before it slides"
     equation = "−F z, length z' = v − |v| z"
     source = "Dahl, AIAA Journal 14, 1976"
     own_states = 1
@@ -180,6 +182,9 @@ class QuadraticDrag(ForceKind):
 
     name = "quadratic-drag"
     phrase = "drag in proportion to the square of {port}"
+    between = (
+        "drag, or an exchange, that goes with the square of the difference of {first} and {second}"
+    )
     equation = "−k v |v|"
     source = "Batchelor, An Introduction to Fluid Dynamics, 1967"
     parameters = (Parameter("coefficient", {"force": 1, "speed": -2}, low=0.0),)
@@ -194,6 +199,7 @@ class Stiffness(ForceKind):
 
     name = "stiffness"
     phrase = "a spring that acts on {port}"
+    between = "a spring between {first} and {second}"
     equation = "−k x"
     source = _MECHANICS
     needs = ("position",)
@@ -228,6 +234,7 @@ class CubicStiffness(ForceKind):
 
     name = "cubic-stiffness"
     phrase = "a spring on {port} that hardens or softens"
+    between = "a spring between {first} and {second} that hardens or softens"
     equation = "−k x³"
     source = "Duffing, Erzwungene Schwingungen, 1918"
     needs = ("position",)
@@ -300,6 +307,7 @@ class Hysteresis(ForceKind):
     simpler = ("coulomb-friction", "pre-sliding-friction")
     is_dry = True
     phrase = "a restoring force on {port} that remembers where the motion turned"
+    between = "a force between {first} and {second} that remembers where the motion turned"
     equation = "−F z, length z' = v − |v| z − shape v |z|"
     source = "Wen, Journal of the Engineering Mechanics Division 102, 1976"
     own_states = 1
@@ -445,7 +453,7 @@ class FreePlay(ForceKind):
     """
 
     name = "free-play"
-    phrase = "a spring over {port} that bears less near its middle"
+    between = "play between {first} and {second}, a spring that bears less near its middle"
     equation = "k x within ±width, ±k width beyond"
     source = "Nordin and Gutman, Automatica 38, 2002"
     needs = ("position",)

@@ -88,13 +88,15 @@ class Parameter:
 class Kind:
     """A kind of effect. `equation` is for a person, `source` says where it is from.
 
-    `phrase` says what a system lacks that lacks it, of `{port}` and, of a coupling, of `{other}`.
+    `phrase` says what a system lacks that lacks it, of `{port}` and, of a coupling, of `{other}`;
+    `between` says it of two bodies, `{first}` and `{second}`.
     `simpler` are kinds that it is the same as with more to it; `is_friction_law` says that it is a
     finer law of what the simpler one is, and nothing else.
     """
 
     name: ClassVar[str]
     phrase: ClassVar[str] = ""
+    between: ClassVar[str] = ""
     equation: ClassVar[str]
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]

@@ -88,9 +88,11 @@ def plain(name: str) -> str:
     """
     kind_name, _, port = name.partition("@")
     other = kind_name.partition("-from-")[2]
-    phrase = kinds_of(name)[-1].phrase if port and kinds_of(name) else ""
+    kinds = kinds_of(name) if port else []
     first, _, second = port.partition(DIFFERENCE)
-    port = f"the difference of {first} and {second}" if second else port
+    if kinds and second:
+        return with_name(kinds[-1].between.format(first=first, second=second), name)
+    phrase = kinds[-1].phrase if kinds else ""
     return with_name(phrase.format(port=port, other=other), name)
 
 
