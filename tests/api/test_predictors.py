@@ -233,7 +233,10 @@ def test_a_frame_whose_index_tells_another_rate_is_warned_of(predictor: wd.Predi
     told = predictor.predict(series)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for index in (None, *at(32.1)):
+        lost = at(32.1)[1].to_series().reset_index(drop=True)
+        lost[[3, 20, 30]] = None
+        places = pandas.Index(np.arange(40) / 2.0, name="speed_m_s")
+        for index in (None, *at(32.1), pandas.DatetimeIndex(lost), places):
             frame = pandas.DataFrame(series, columns=names, index=index)
             np.testing.assert_array_equal(predictor.predict(frame), told)
     for index in at(100.0):

@@ -100,6 +100,14 @@ def test_a_set_in_another_unit_is_warned_of_and_named(runs: wd.Runs) -> None:
     assert "check the unit" in sentence
 
 
+@pytest.mark.parametrize("name", ["f n", "θ", "source-command", "0"])
+def test_a_channel_that_no_package_can_name_is_told_in_words(tmp_path: Path, name: str) -> None:
+    data = echo()
+    odd = dataclasses.replace(data, force=(dataclasses.replace(data.force[0], name=name),))
+    with pytest.raises(wd.UnusableInput, match="call it by letters, digits and '_'"):
+        wd.train(odd, "gru", out=tmp_path / "run")
+
+
 def test_a_split_without_episodes_is_refused_on_another_set(runs: wd.Runs) -> None:
     data = echo()
     learned = {episode.name: "train" for episode in data.episodes}

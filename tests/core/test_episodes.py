@@ -413,8 +413,6 @@ def test_an_episode_needs_a_name_that_any_disk_takes(name: str) -> None:
             r"^observation = Channel.*: give a tuple of wd\.Channel$",
         ),
         ("force", ("f",), r"^force = \('f',\): give a tuple of wd\.Channel$"),
-        ("force", (Channel("f n", "N"),), r"^force channel 'f n': use letters, digits and '_'"),
-        ("observation", (Channel("θ", "rad"),), r"^observation channel 'θ': use letters, digits"),
         ("force", (Channel("f", 3),), r"unit=3\): name and unit have to be text$"),
         ("loss_weights", 1.0, r"^loss_weights = 1\.0: give a tuple of numbers$"),
         ("split", "train", r"^split = 'train': give a dictionary"),

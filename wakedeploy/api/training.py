@@ -1,6 +1,7 @@
 """Train predictors on a set of episodes, and score them on its test episodes."""
 
 import functools
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from trainers.training.runs import RunConfig
     from trainers.training.score import Score
     from wakedeploy.core.episodes import EpisodeSet
+
+_CHANNEL_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,99}")  # as packages and C have them
 
 
 class Runs(Sequence["TrainedRun"]):
@@ -164,6 +167,7 @@ def train(
         tracker = one_of("tracker", tracker, TRACKERS)
     folder = path_from(out, "out")
     data = episode_set(data)
+    require_names(data)
     of_preset = architectures() if preset in (REFERENCE, TUNED) else None
     names = _names(arch) or of_preset or (read_preset(path_from(preset, "preset")).arch,)
     changed = _changed(hyper or {}, names)
@@ -227,6 +231,16 @@ def _changed(hyper: Mapping[str, Any], names: Sequence[str]) -> dict[str, dict[s
             )
         changed[arch][name] = value
     return changed
+
+
+def require_names(data: "EpisodeSet") -> None:
+    """UnusableInput for a channel's name that no package, and no C, can have."""
+    for channel in (*data.observation, *data.force):
+        if not _CHANNEL_NAME.fullmatch(channel.name):
+            raise UnusableInput(
+                f"the channel {channel.name!r:.60} cannot be trained on: call it by letters, digits"
+                " and '_', a letter first, at most 100 of them."
+            )
 
 
 def _configs(

@@ -176,6 +176,9 @@ def tune(
     if lead_s is not None:
         lead_s = real("lead_s", lead_s, 0.0, LONGEST_LEAD_S)
     episodes = episode_set(data)
+    from wakedeploy.api.training import require_names
+
+    require_names(episodes)
     plan = make_plan(
         episodes,
         known,

@@ -43,7 +43,6 @@ FILTERED = "filtered"  # in a set's provenance: how observations were filtered, 
 OBSERVER = "observer_n"  # extra of sets whose sufferer's motion shows a force without learning
 
 _EPISODE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-_CHANNEL_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,99}")  # as packages and C have them
 _EXTRA_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _RESERVED = {
     "observation",
@@ -330,12 +329,6 @@ def _check_description(made: EpisodeSet) -> None:
         names = [channel.name for channel in channels]
         if not names or len(set(names)) < len(names) or "" in names:
             raise ValueError(f"{label} channels {names}: each needs a name of its own")
-        odd = next((name for name in names if not _CHANNEL_NAME.fullmatch(name)), None)
-        if odd is not None:
-            raise ValueError(
-                f"{label} channel {odd!r:.60}: use letters, digits and '_', a letter first, at most"
-                " 100 of them"
-            )
     if len(made.loss_weights) != len(made.force) or not all(
         math.isfinite(weight) and weight > 0 for weight in made.loss_weights
     ):

@@ -140,13 +140,17 @@ def warn_of_other_rate(table: Any, rate_hz: float) -> None:
         )
 
 
+_SECONDS = ("t_s", "time_s", "timestamp_s", "stamp_s", "seconds")
+
+
 def _steps_s(index: Any) -> npt.NDArray[np.float64]:
     """The steps [s] of an index that tells times; none of any other."""
     kind = getattr(getattr(index, "dtype", None), "kind", "none")
     times_s = np.empty(0)
     if kind in ("m", "M"):
-        times_s = 1e-9 * index.to_numpy(dtype=f"{kind}8[ns]").astype(np.int64)
-    elif kind == "f" and str(index.name).endswith("_s"):
+        stamps = index.to_numpy(dtype=f"{kind}8[ns]")
+        times_s = 1e-9 * stamps[~np.isnat(stamps)].astype(np.int64)
+    elif kind == "f" and str(index.name) in _SECONDS:
         times_s = index.to_numpy(dtype=np.float64)
     return np.asarray(np.diff(times_s), dtype=np.float64)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from wakedeploy.core.episodes import EpisodeSet
 
 _FAR = 5.0  # times the range of all others
+_APART = 3  # numbers from one spike to the next: nearer ones may be one event
 _ENOUGH, _FEW = 50, 0.005  # numbers that tell a spike, and the share of them that may be such
 
 
@@ -16,7 +17,7 @@ def spikes_in(values: NDArray[np.floating[Any]]) -> NDArray[np.intp]:
     """Where in (n,) the numbers are that lie further off the middle than all others, by far.
 
     Far is several times the range of those others, which do differ. Nowhere in most columns, and
-    where there are too many to be single ones.
+    where there are too many to be single ones, or several in a row: a pulse, or a step at the end.
     """
     there = np.flatnonzero(np.isfinite(values))
     if len(there) < _ENOUGH:
@@ -30,7 +31,9 @@ def spikes_in(values: NDArray[np.floating[Any]]) -> NDArray[np.intp]:
         is_far = (np.diff(off) > _FAR * spans) & (spans > 0.0)
     is_far[: -max(1, int(_FEW * len(there)))] = False
     first = int(np.argmax(is_far)) + 1 if is_far.any() else len(there)
-    return np.sort(there[from_middle[first:]])
+    places = np.sort(from_middle[first:])
+    in_a_row = np.any(np.diff(places) < _APART)
+    return there[:0] if in_a_row else there[places]
 
 
 def on_spikes(data: EpisodeSet) -> Iterator[str]:
