@@ -178,6 +178,28 @@ def test_sizes_and_units_are_those_of_the_second_body() -> None:
     assert not dry
 
 
+def test_heat_between_two_rooms_is_in_watts() -> None:
+    class Rooms(System):
+        rate_hz = 1.0
+        inputs = [Input("heat_w", "W")]
+        states = {"left_c": "degC", "right_c": "degC"}
+        outputs = [Output("left_c", "degC"), Output("right_c", "degC")]
+        constants = [
+            Constant("left_jpk", 400.0, unit="J/K"),
+            Constant("right_jpk", 150.0, unit="J/K"),
+        ]
+        ports = [Port.between(("left_c", "right_c"), inertias=("left_jpk", "right_jpk"))]
+
+        def derivative(self, s, u, c):
+            return {"left_c": u.heat_w / c.left_jpk, "right_c": 0.0 * s.right_c}
+
+    rng = np.random.default_rng(1)
+    rows = {n: np.cumsum(rng.standard_normal(60)) for n in ("heat_w", "left_c", "right_c")}
+    model = LogModel(checked(Rooms()), [Recording("log", np.arange(60.0), rows)])
+    (leak,) = model.effects["viscous-friction@left_c-right_c"]
+    assert leak.unit == "W/degC"
+
+
 def test_it_is_told_in_words() -> None:
     said = plain(f"free-play@{AT}")
     assert said.startswith("play between motor_radps and link_radps, a spring that bears less")

@@ -453,6 +453,7 @@ class FreePlay(ForceKind):
     """
 
     name = "free-play"
+    phrase = "play at {port} in a spring, which bears less near its middle"
     between = "play between {first} and {second}, a spring that bears less near its middle"
     equation = "k x within ±width, ±k width beyond"
     source = "Nordin and Gutman, Automatica 38, 2002"

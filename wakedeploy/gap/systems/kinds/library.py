@@ -21,6 +21,15 @@ _ANGLES = ("rad",)
 _CUT = 3  # readings that are all the same, and the last to one side: cut there perhaps
 _ROLES_ALIKE = ("input", "force", "between", "output")
 _STILL = 0.1  # of the usual size: nearer to 0 a sign may be about to turn
+_FORCES = {  # by the unit of what a force is over, and of the rate
+    ("kg", "m/s²"): "N",
+    ("kg m²", "rad/s²"): "N m",
+    ("kg m^2", "rad/s²"): "N m",
+    ("J/K", "K/s"): "W",
+    ("J/K", "degC/s"): "W",
+    ("m²", "m/s"): "m³/s",
+    ("m^2", "m/s"): "m³/s",
+}
 KINDS_BY_ROLE: dict[str, tuple[Kind, ...]] = {
     "input": inputs.KINDS,
     "force": forces.KINDS,
@@ -285,8 +294,7 @@ def force_unit(system: StateSpace, port: Port) -> str:
     if not over:
         return rate
     inertia = system.unit_of_constant(over)
-    known = {("kg", "m/s²"): "N", ("kg m²", "rad/s²"): "N m", ("kg m^2", "rad/s²"): "N m"}
-    return known.get((inertia, rate), f"{inertia} {rate}")
+    return _FORCES.get((inertia, rate), f"{inertia} {rate}")
 
 
 def rate_unit(unit: str) -> str:
