@@ -21,6 +21,7 @@ def wrap_in(numbers: Values) -> float | None:
     if numbers.dtype.kind not in "fiu":
         return None
     counts = _signed(numbers)
+    counts = counts[np.isfinite(counts)]
     steps, first, last = np.diff(counts), counts.min(initial=0), counts.max(initial=0)
     for end in _ENDS:
         low = 0.0 if first >= 0 else -0.5 * end
@@ -32,7 +33,9 @@ def wrap_in(numbers: Values) -> float | None:
 def going_on(numbers: Values, wraps_at: float) -> Values:
     """Stamps that go on where the counter began again; those of a clock that was set back stay."""
     counts = _signed(numbers)
-    return later(counts, np.insert(np.cumsum(_passes(np.diff(counts), wraps_at)), 0, 0), wraps_at)
+    with np.errstate(invalid="ignore"):  # a stamp that is no number is refused later
+        steps = np.diff(counts)
+    return later(counts, np.insert(np.cumsum(_passes(steps, wraps_at)), 0, 0), wraps_at)
 
 
 def later(counts: Values, rounds: NDArray[np.int64] | int, wraps_at: float) -> Values:

@@ -146,7 +146,9 @@ def mark_in(values: Vector) -> str | None:
         if not len(others) or not _FEWEST_MARKS <= count <= _MARKED * len(there):
             continue
         apart = min(abs(mark - others.min()), abs(mark - others.max()))
-        if apart > _FAR_FROM_OTHERS * np.ptp(others) > 0.0:
+        with np.errstate(over="ignore"):  # what is absurdly large is refused later
+            far = _FAR_FROM_OTHERS * np.ptp(others)
+        if apart > far > 0.0:
             span = f"{others.min():.4g} to {others.max():.4g}"
             return (
                 f"{count} of {len(there)} numbers are {mark:.10g}, and all others {span}; if that "
