@@ -223,6 +223,8 @@ REFUSED: Mapping[str, tuple[dict[str, object], str]] = {
     "no inertia": ({"speeds": GEAR, "inertias": ("motor_kgm2", "arm_kgm2")}, "'arm_kgm2'"),
     "no ratio": ({"speeds": GEAR, "ratio": 0.0}, "give a number but 0"),
     "units": ({"speeds": ("motor_rad", "link_radps")}, "the ratio of the transmission"),
+    "no positions": ({"speeds": GEAR, "kinds": "free-play"}, "give the positions, too"),
+    "no unit": ({"speeds": GEAR, "unit": "furlong"}, "'furlong', which is not known"),
     "kind": ({"speeds": GEAR, "kinds": "coulomb-friction"}, "pre-sliding-friction"),
 }  # fmt: skip
 

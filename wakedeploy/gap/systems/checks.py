@@ -17,6 +17,7 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.units import same_unit
 from wakedeploy.gap.systems.calls import called
+from wakedeploy.gap.systems.kinds.library import kind_named
 from wakedeploy.gap.systems.ports import Point, Port
 from wakedeploy.gap.systems.statements import check_statements, is_unit, names_of
 from wakedeploy.gap.systems.system import Constant, FloatArray, Input, StateSpace
@@ -200,6 +201,16 @@ def _check_between(system: StateSpace, port: Port) -> None:
         isinstance(port.ratio, numbers.Real) and 0.0 < abs(float(port.ratio)) < math.inf
     ):
         raise UnusableInput(f"{where} has the ratio {port.ratio!r}; give a number but 0.")
+    if port.unit and not is_unit(port.unit):
+        raise UnusableInput(
+            f"{where} has the unit {port.unit!r}, which is not known; give one such as N, N m or W."
+        )
+    for name in port.kinds:
+        if not port.positions and "position" in kind_named(port, name).needs:
+            raise UnusableInput(
+                f"{where} is asked for {name!r}, which depends on how far one is ahead of the "
+                "other; give the positions, too."
+            )
     units = [[system.states[n] for n in pair] for pair in (port.speeds, port.positions) if pair]
     units.append([system.unit_of_constant(n) for n in port.inertias] or ["1", "1"])
     for first, second in units:

@@ -195,7 +195,7 @@ def _several(kinds: Sequence[str] | str) -> tuple[str, ...]:
     several = (kinds,) if isinstance(kinds, str) else kinds
     if not isinstance(several, Iterable) or not all(isinstance(kind, str) for kind in several):
         raise UnusableInput(f'A port has the kinds {kinds!r:.60}; give names, as ["lag", "gain"].')
-    return (kinds,) if isinstance(kinds, str) else tuple(kinds)
+    return tuple(several)
 
 
 class Point:
